@@ -1,0 +1,31 @@
+"""Typed errors, each mapped to one exit code of the command line."""
+
+
+class PorofsiError(Exception):
+    """Root of all errors that the package raises on purpose; the message is one sentence for the user."""
+
+    exit_code = 1
+
+
+class InputError(PorofsiError):
+    """Wrong input: what, where, received, expected, what to do."""
+
+    exit_code = 2
+
+
+class ConvergenceError(PorofsiError):
+    """An iteration reached its cap or a linear solver failed; nothing was accepted."""
+
+    exit_code = 3
+
+
+class Stopped(PorofsiError):
+    """The run was stopped by a signal or the time limit after a checkpoint was written."""
+
+    exit_code = 4
+
+
+class ExpectationError(PorofsiError):
+    """A computed quantity misses the value stated in an `[[expect]]` of the scene."""
+
+    exit_code = 5
