@@ -1,0 +1,71 @@
+"""Shape gradients and quadrature weights of elements in physical space."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..elements.quadrature import quadrature
+from ..errors import ConvergenceError
+from ..tensors import inverse
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A quadrature rule with the shape functions of one element at its points.
+
+    N (Q, A), dN (Q', A, d) on the reference simplex, weights (Q,).  Q' = 1 for affine elements, whose gradients are constant.
+    """
+
+    N: np.ndarray
+    dN: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def of(cls, element, degree):
+        """Return the rule of the degree on the element."""
+        points, weights = quadrature(element.dim, degree)
+        gradient_points = points[:1] if element.order == 1 else points
+        return cls(element.shape(points), element.gradient(gradient_points), weights)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Elements in one configuration: G = dN/dx, (E, Q', A, d) [1/m], and dV = |dx/dxi| w, (E, Q) [m^d]."""
+
+    G: np.ndarray
+    dV: np.ndarray
+
+    def part(self, chunk):
+        """Return the geometry of a slice of the elements."""
+        return Geometry(self.G[chunk], self.dV[chunk])
+
+
+def geometry(rule, coordinates):
+    """Return the geometry of elements with nodal coordinates (E, A, d).
+
+    Raises ConvergenceError when an element is inverted (det dx/dxi <= 0): the trial configuration is not admissible.
+    """
+    jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ rule.dN
+    jacobian_inverse, determinant = inverse(jacobian)
+    if not determinant.size:
+        return Geometry(rule.dN @ jacobian_inverse, determinant * rule.weights)
+    if not determinant.min() > 0:
+        worst = int(np.argmin(determinant.min(axis=1)))
+        centre = ", ".join(f"{c:.4g}" for c in coordinates[worst].mean(axis=0))
+        raise ConvergenceError(f"an element is inverted near ({centre}) m: the deformation is too large for the step; try a smaller step")
+    return Geometry(rule.dN @ jacobian_inverse, determinant * rule.weights)
+
+
+def shape_hessians(element, coordinates):
+    """Return d2N/dx2, (E, A, d, d) [1/m²], of the affine part of the map (exact on straight-sided elements)."""
+    vertices = element.dim + 1
+    affine = np.swapaxes(coordinates[:, 1:vertices] - coordinates[:, :1], 1, 2)
+    pull = inverse(affine)[0]
+    return np.swapaxes(pull, 1, 2)[:, None] @ element.hessian() @ pull[:, None]
+
+
+def element_size(element, rule, geometry_of_elements):
+    """Return h = (d! V)^(1/d) / order, (E,) [m]: the leg of a right-angled simplex of the same volume, per node spacing."""
+    factorial = {2: 2.0, 3: 6.0}[element.dim]
+    volume = np.broadcast_to(geometry_of_elements.dV, (len(geometry_of_elements.dV), len(rule.weights))).sum(axis=1)
+    return (factorial * volume) ** (1 / element.dim) / element.order

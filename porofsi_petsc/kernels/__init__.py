@@ -1,0 +1,1 @@
+"""Element routines: pure functions on batches of elements, element axis first."""

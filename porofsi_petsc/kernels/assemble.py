@@ -1,0 +1,53 @@
+"""The two contractions that turn pointwise quantities into element vectors and matrices.
+
+Quadrature is merged into the contracted axis of one stacked matrix product.
+"""
+
+import numpy as np
+
+
+def broadcast_gradient(G, points):
+    """Return G, (E, Q, A, d), from gradients that may be constant over the element, (E, 1, A, d)."""
+    return np.broadcast_to(G, (G.shape[0], points, *G.shape[2:]))
+
+
+def test_value(N, dV, X):
+    """Return the sum over q of N_a X dV, (E, A, k), for X (E, Q, k)."""
+    return N.T @ (X * dV[..., None])
+
+
+def test_gradient(G, dV, Y):
+    """Return the sum over q of dN_a/dx_j Y_.j dV, (E, A, k), for Y (E, Q, k, d)."""
+    weighted = Y * dV[..., None, None]
+    if G.shape[1] == 1:
+        return G[:, 0] @ np.swapaxes(weighted.sum(axis=1), 1, 2)
+    E, Q, A, d = G.shape
+    left = np.ascontiguousarray(np.moveaxis(G, 1, 2)).reshape(E, A, Q * d)
+    right = np.ascontiguousarray(np.moveaxis(weighted, 2, 3)).reshape(E, Q * d, -1)
+    return left @ right
+
+
+def mass_matrix(N, weights):
+    """Return the sum over q of N_a w N_b, (E, A, A), for weights (E, Q) that include dV."""
+    return N.T @ (weights[..., None] * N)
+
+
+def bilinear(left, right):
+    """Return the sum over q of left_a right_b, (E, A, B), for (E, Q, A) and (E, Q, B)."""
+    return np.swapaxes(left, 1, 2) @ right
+
+
+def laplacian(G, weights):
+    """Return the sum over q of dN_a/dx_j w dN_b/dx_j, (E, A, A), for weights (E, Q) that include dV."""
+    if G.shape[1] == 1:
+        return weights.sum(axis=1)[:, None, None] * (G[:, 0] @ np.swapaxes(G[:, 0], 1, 2))
+    E, Q, A, d = G.shape
+    flat = np.ascontiguousarray(np.moveaxis(G, 2, 1)).reshape(E, A, Q * d)
+    weighted = (np.moveaxis(G, 2, 1) * weights[:, None, :, None]).reshape(E, A, Q * d)
+    return weighted @ np.swapaxes(flat, 1, 2)
+
+
+def add_isotropic(matrix, block, components):
+    """Add a scalar block (E, A, B) to the components (i, i) of matrix (E, A, m, B, m) for i < components, in place."""
+    for i in range(components):
+        matrix[:, :, i, :, i] += block

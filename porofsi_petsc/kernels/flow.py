@@ -1,0 +1,228 @@
+"""Element residual and tangent of the interstitial fluid in ALE description: equal order, PSPG, SUPG, LSIC and drag.
+
+Momentum (w) and volume balance (q) over the current configuration, with c = v - v_m and w_rel = v - v_s:
+
+    ∫ w·[ρ (a + c·∇v) + n ∇p + S w_rel - ρ b] + ∫ ∇w : 2 n μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ n ν_L div w (div v_s + n div w_rel)
+    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
+
+r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - n μ (Δv + ∇ div v) is the full strong residual, n the fluid fraction, ρ = n ρ_fR.
+The pressure term is not integrated by parts, so that an impermeable surface, fixed or moving (w_rel·n = 0), is natural; a
+drained one prescribes p (Tezduyar 1992 for PSPG and LSIC; the subgrid velocity is -τ r).  Terms are kept apart, see
+`kernels.solid`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .assemble import add_isotropic, bilinear, broadcast_gradient, laplacian, mass_matrix, test_gradient, test_value
+
+MOMENTUM_TERMS = ("inertia", "pressure", "drag", "body", "viscous", "stabilization")
+VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
+
+
+@dataclass(frozen=True)
+class FlowElements:
+    """Elements and coefficients of one chunk, frozen during an iteration.
+
+    N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; viscosity n μ is formed from
+    `mu` [Pa s]; tau (E, Q) [m³ s/kg]; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg]; hessian (E, A, d, d) or None.
+    """
+
+    N: np.ndarray
+    geometry: Any
+    n: np.ndarray
+    rho: np.ndarray
+    S: np.ndarray
+    mu: float
+    tau: np.ndarray
+    nu_lsic: np.ndarray
+    tau_u: np.ndarray
+    hessian: np.ndarray | None
+    convection: bool
+    order: int
+
+
+@dataclass(frozen=True)
+class FlowFields:
+    """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E, A); b (E, Q, d)."""
+
+    v: np.ndarray
+    a: np.ndarray
+    c: np.ndarray
+    v_s: np.ndarray
+    p: np.ndarray
+    dp: np.ndarray
+    b: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Pointwise quantities that residual and tangent share."""
+
+    c: np.ndarray
+    grad_v: np.ndarray
+    acceleration: np.ndarray
+    grad_p: np.ndarray
+    w: np.ndarray
+    residual: np.ndarray
+
+
+def _nodal_gradient(G, U):
+    """Return dU_k/dx_j, (E, Q', k, d), of nodal values U (E, A, k)."""
+    return np.swapaxes(U, 1, 2)[:, None] @ G
+
+
+def _points(el, f):
+    G = el.geometry.G
+    grad_v = _nodal_gradient(G, f.v)
+    grad_p = _nodal_gradient(G, f.p[..., None])[:, :, 0]
+    acceleration = el.rho[..., None] * (el.N @ f.a)
+    c = el.N @ f.c if el.convection else None
+    if el.convection:
+        acceleration = acceleration + el.rho[..., None] * (grad_v @ c[..., None])[..., 0]
+    w = el.N @ (f.v - f.v_s)
+    residual = acceleration + el.n[..., None] * grad_p + el.S[..., None] * w - el.rho[..., None] * f.b
+    if el.mu and el.hessian is not None:
+        second = np.einsum("eaij,eak->eijk", el.hessian, f.v)
+        divergence = np.einsum("eiik->ek", second) + np.einsum("eijj->ei", second)
+        residual = residual - (el.n * el.mu)[..., None] * divergence[:, None]
+    return _Points(c, grad_v, acceleration, grad_p, w, residual)
+
+
+def flow_residual(el, f):
+    """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E, A) [m³/s] of VOLUME_TERMS."""
+    x = _points(el, f)
+    G, dV = el.geometry.G, el.geometry.dV
+    d = G.shape[-1]
+    n = el.n[..., None]
+    pressure, drag, body = n * x.grad_p, el.S[..., None] * x.w, -el.rho[..., None] * f.b
+    div_vs = np.einsum("eqii->eq", _nodal_gradient(G, f.v_s))
+    div_v = np.einsum("eqii->eq", x.grad_v)
+    values = np.concatenate([x.acceleration, pressure, drag, body, np.broadcast_to(div_vs, dV.shape)[..., None]], axis=-1)
+    valued = test_value(el.N, dV, values)
+    momentum = np.zeros((len(MOMENTUM_TERMS), *f.v.shape))
+    for i in range(4):
+        momentum[i] = valued[..., i * d : (i + 1) * d]
+    if el.mu:
+        viscous = (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
+        momentum[4] = test_gradient(G, dV, viscous)
+    if el.convection:
+        supg = (el.tau * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
+        lsic = el.n * el.nu_lsic * (div_vs + el.n * (div_v - div_vs))
+        momentum[5] = test_gradient(G, dV, supg + lsic[..., None, None] * np.eye(d))
+    volume = np.empty((len(VOLUME_TERMS), *f.p.shape))
+    volume[0] = valued[..., -1]
+    fluxes = np.stack([-n * x.w, (el.tau * el.n)[..., None] * x.residual], axis=-2)
+    volume[1:3] = np.moveaxis(test_gradient(G, dV, fluxes), -1, 0)
+    volume[3] = undrained_residual(el, f.dp)
+    return momentum, volume
+
+
+def undrained_gradient(el):
+    """Return the gradients the undrained-limit stabilization acts on: all of them (order 1), their fluctuation (order 2).
+
+    For order 2 the mean over the element is left out, so that a linear pressure is untouched and the order of convergence stays.
+    """
+    G, dV = el.geometry.G, el.geometry.dV
+    if el.order == 1:
+        return G
+    mean = np.einsum("eq,eqaj->eaj", dV / dV.sum(axis=1, keepdims=True), broadcast_gradient(G, dV.shape[1]))
+    return G - mean[:, None]
+
+
+def undrained_residual(el, dp):
+    """Return ∫ c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
+    G = undrained_gradient(el)
+    gradient = _nodal_gradient(G, dp[..., None])
+    return test_gradient(G, el.geometry.dV, el.tau_u[..., None, None] * gradient)[..., 0]
+
+
+def flow_tangent(el, f, c_f, components):
+    """Return the derivative of `flow_residual` by (v, p) on the collocation level, (E, A, m, A, m), m = components >= d + 1.
+
+    c_f = d a/d v [1/s], zero without inertia.  τ and ν_L are frozen (they belong to the start of the step), so this is exact.
+    """
+    x = _points(el, f)
+    G, dV = el.geometry.G, el.geometry.dV
+    E, _, A, d = G.shape
+    Q = dV.shape[1]
+    Gq = broadcast_gradient(G, Q)
+    K = np.zeros((E, A, components, A, components))
+    rho, n, tau = el.rho * dV, el.n, el.tau
+    advected = (Gq @ x.c[..., None])[..., 0] if el.convection else None  # c·∇N_b, (E, Q, A)
+    strong = (el.rho * c_f + el.S)[..., None] * el.N  # scalar part of d r/d v
+    if el.convection:
+        strong = strong + el.rho[..., None] * advected
+    scalar = bilinear(np.broadcast_to(el.N, strong.shape) * dV[..., None], strong)
+    if el.mu:
+        scalar = scalar + laplacian(G, n * el.mu * dV)
+        for i in range(d):
+            for j in range(d):
+                K[:, :, i, :, j] += bilinear((n * el.mu * dV)[..., None] * Gq[..., j], Gq[..., i])
+    full = _strong_full(el, x, Gq) if el.convection or (el.mu and el.hessian is not None) else None
+    if el.mu and el.hessian is not None:
+        strong = strong - (n * el.mu)[..., None] * np.einsum("eaii->ea", el.hessian)[:, None]
+    if el.convection:
+        streamline = (tau * rho)[..., None] * advected
+        scalar = scalar + bilinear(streamline, strong)
+        _add_convection(K, el, x, Gq, full, streamline)
+    add_isotropic(K, scalar, d)
+    pspg = (tau * n * dV)[..., None]
+    for j in range(d):
+        K[:, :, j, :, d] = bilinear((n * dV)[..., None] * np.broadcast_to(el.N, (E, Q, A)), Gq[..., j])
+        if el.convection:
+            K[:, :, j, :, d] += bilinear(streamline * n[..., None], Gq[..., j])
+        K[:, :, d, :, j] = bilinear(pspg * Gq[..., j], strong) - bilinear((n * dV)[..., None] * Gq[..., j], np.broadcast_to(el.N, (E, Q, A)))
+        if full is not None:
+            for i in range(d):
+                K[:, :, d, :, j] += bilinear(pspg * Gq[..., i], full[..., i, j])
+    K[:, :, d, :, d] = laplacian(G, tau * n**2 * dV) + laplacian(undrained_gradient(el), el.tau_u * dV)
+    return K
+
+
+def _strong_full(el, x, Gq):
+    """Return the non-isotropic part of d r_i/d v_bj, (E, Q, A, d, d)."""
+    d = Gq.shape[-1]
+    full = np.zeros((*Gq.shape[:3], d, d))
+    if el.convection:
+        full += (el.rho[..., None] * el.N)[..., None, None] * x.grad_v[:, :, None]
+    if el.mu and el.hessian is not None:
+        full -= (el.n * el.mu)[..., None, None, None] * el.hessian[:, None]
+    return full
+
+
+def _add_convection(K, el, x, Gq, full, streamline):
+    """Add the Newton part of convection, the change of SUPG's test function and LSIC to K."""
+    dV, N = el.geometry.dV, el.N
+    newton = (el.rho * dV)[..., None] * N
+    supg = (el.tau * el.rho * dV)[..., None] * x.residual
+    lsic = el.n**2 * el.nu_lsic * dV
+    values = np.broadcast_to(N, newton.shape)
+    for i in range(Gq.shape[-1]):
+        for j in range(Gq.shape[-1]):
+            K[:, :, i, :, j] += bilinear(newton * x.grad_v[..., i, j, None], values)
+            K[:, :, i, :, j] += bilinear(streamline, full[..., i, j])
+            K[:, :, i, :, j] += bilinear(supg[..., i, None] * Gq[..., j], values)
+            K[:, :, i, :, j] += bilinear(lsic[..., None] * Gq[..., i], Gq[..., j])
+
+
+def add_skeleton_answer(K, el, mass_weight, laplacian_weight):
+    """Add the answer of the skeleton to a pressure change to the tangent K with the auxiliary field s after p (or without it).
+
+    The answer B_m (δp - s), (B_m + B_L) s = B_m δp is the parallel sum of B_m = ∫ α² c_v/E_c q p (stiffness) and
+    B_L = ∫ α² c_v/(ρ_χ c_a) ∇q·∇p (inertia), an inertia-aware fixed-stress term; with d + 1 components only B_m is added.
+
+    mass_weight, laplacian_weight : (E, Q) coefficients without dV
+    """
+    G, dV = el.geometry.G, el.geometry.dV
+    p = G.shape[-1]
+    B_m = mass_matrix(el.N, mass_weight * dV)
+    K[:, :, p, :, p] += B_m
+    if K.shape[2] == p + 1:
+        return
+    s = p + 1
+    K[:, :, p, :, s] -= B_m
+    K[:, :, s, :, p] -= B_m
+    K[:, :, s, :, s] += B_m + laplacian(G, laplacian_weight * dV)

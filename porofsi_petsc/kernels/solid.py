@@ -1,0 +1,79 @@
+"""Element residual and tangent of the skeleton in positional form, total Lagrangian.
+
+    ρ_s a = Div P + (n_s-part of the pressure gradient) + S (v_f - v_s) + ρ_s b
+
+tested with w and collocated in time by the caller.  The pressure enters as -∫ p div w - ∫ n_f ∇p·w over the current
+configuration: the adjoint of the volume balance ∫ q div v_s - ∫ n_f ∇q·(v_f - v_s), whose natural traction is that of the
+mixture, (σ_E - p I) n = t̄.  A residual is internal minus external force; its terms are kept apart because their norms scale the
+convergence test and their powers make the energy balance.
+"""
+
+import numpy as np
+
+from .assemble import add_isotropic, mass_matrix, test_gradient, test_value
+
+TERMS = ("stress", "inertia", "pressure", "drag", "body")
+
+
+def deformation_gradient(G0, y):
+    """Return F_iJ = y_ai dN_a/dX_J, (E, Q', d, d), for G0 (E, Q', A, d) and y (E, A, d)."""
+    return np.swapaxes(y, 1, 2)[:, None] @ G0
+
+
+def stress_residual(G0, dV0, law, y):
+    """Return ∫ ∇_X w : P dV0, (E, A, d) [N], for nodal positions y (E, A, d) [m]."""
+    P = law.stress(deformation_gradient(G0, y))
+    return test_gradient(G0, dV0, np.broadcast_to(P, (*dV0.shape, *P.shape[2:])))
+
+
+def stress_tangent(G0, dV0, law, y):
+    """Return the derivative of `stress_residual` by y, (E, A, d, A, d) [N/m]."""
+    tangent = law.tangent(deformation_gradient(G0, y))
+    if G0.shape[1] == 1:
+        dV0 = dV0.sum(axis=1, keepdims=True)
+    E, Q, A, d = G0.shape
+    K = np.zeros((E, A, d, A, d))
+    weighted = tangent * dV0[..., None, None, None, None]
+    for i in range(d):
+        for k in range(d):
+            block = G0 @ weighted[:, :, i, :, k, :] @ np.swapaxes(G0, 2, 3)
+            K[:, :, i, :, k] = block.sum(axis=1)
+    return K
+
+
+def stored_energy(G0, dV0, law, y):
+    """Return ∫ Psi dV0 of every element, (E,) [J]."""
+    return (law.energy(deformation_gradient(G0, y)) * dV0).sum(axis=1)
+
+
+def inertia_residual(N, dV0, rho_s, a):
+    """Return ∫ ρ_s w·a dV0, (E, A, d) [N], for nodal accelerations a (E, A, d)."""
+    return test_value(N, dV0, rho_s * (N @ a))
+
+
+def coupling_residual(N, geometry, material, J, p, w):
+    """Return the pressure term -∫ p div w - ∫ n_f ∇p·w and the drag term -∫ S w_rel·w over the current configuration.
+
+    p (E, A) [Pa], w (E, A, d) = v_f - v_s nodal [m/s]; both results (E, A, d) [N].
+    """
+    G, dV = geometry.G, geometry.dV
+    gradient = np.swapaxes(G, 2, 3) @ p[:, None, :, None]
+    weighted = -material.fluid_fraction(J)[..., None] * gradient[..., 0]
+    d = G.shape[-1]
+    pressure = test_value(N, dV, weighted) + test_gradient(G, dV, -(p @ N.T)[..., None, None] * np.eye(d))
+    drag = test_value(N, dV, -material.drag(J)[..., None] * (N @ w))
+    return pressure, drag
+
+
+def body_residual(N, dV0, rho_s, b):
+    """Return -∫ ρ_s b·w dV0, (E, A, d) [N], for the acceleration b (E, Q, d) [m/s²]."""
+    return test_value(N, dV0, -rho_s * b)
+
+
+def mass_tangent(N, weights, dim):
+    """Return ∫ m w·δ, (E, A, d, A, d), for weights (E, Q) = m dV0."""
+    block = mass_matrix(N, weights)
+    E, A, _ = block.shape
+    K = np.zeros((E, A, dim, A, dim))
+    add_isotropic(K, block, dim)
+    return K

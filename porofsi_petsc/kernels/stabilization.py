@@ -1,0 +1,27 @@
+"""Stabilization parameters of the fluid and of the undrained limit, frozen at the start of a step."""
+
+import numpy as np
+
+
+def momentum_tau(transient, drag, viscous, convective):
+    """Return τ = [(2ρ/Δt)² + S² + (4 n μ/h²)² + (ρ Σ_a |c·∇N_a|)²]^(-1/2), (E, Q) [m³ s/kg].
+
+    The arguments are the four scales [kg/(m³ s)] as arrays or floats; a term that is left out is 0 (Tezduyar & Osawa 2000 with the drag).
+    """
+    return 1 / np.sqrt(transient**2 + drag**2 + viscous**2 + convective**2)
+
+
+def convective_scale(N, G, rho, c):
+    """Return ρ Σ_a |c·∇N_a| = 2 ρ |c|/h_c, (E, Q) [kg/(m³ s)], h_c the element length along c (E, A, d nodal)."""
+    advected = np.broadcast_to(G, (G.shape[0], len(N), *G.shape[2:])) @ (N @ c)[..., None]
+    return rho * np.abs(advected[..., 0]).sum(axis=-1)
+
+
+def lsic_viscosity(N, rho, c, h):
+    """Return ν_L = ρ |c| h/2, (E, Q) [Pa s]."""
+    return rho * np.linalg.norm(N @ c, axis=-1) * h[:, None] / 2
+
+
+def undrained_tau(E_c, h, c_a, rho):
+    """Return τ_u = 1/(4 E_c/h² + c_a ρ), (E,) [m⁴/N]: the compliance of the skeleton at grid scale; ρ = ρ_s + ρ_f [kg/m³]."""
+    return 1 / (4 * E_c / h**2 + c_a * rho)

@@ -1,0 +1,19 @@
+"""Tables of the constitutive laws: registering a law is adding one line."""
+
+from .elastic import LinearElastic, NeoHookean, NeoHookeanJ2, SaintVenantKirchhoff
+from .permeability import constant, ehlers_eipper, kozeny_carman, markert, xie_leo
+
+ELASTIC = {
+    "linear_elastic": LinearElastic,
+    "saint_venant_kirchhoff": SaintVenantKirchhoff,
+    "neo_hookean": NeoHookean,
+    "neo_hookean_j2": NeoHookeanJ2,
+}
+
+PERMEABILITY = {
+    "constant": constant,
+    "markert": markert,
+    "ehlers_eipper": ehlers_eipper,
+    "kozeny_carman": kozeny_carman,
+    "xie_leo": xie_leo,
+}

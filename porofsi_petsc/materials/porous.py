@@ -1,0 +1,41 @@
+"""One saturated porous material: what the kernels need of a point, from its volume ratio J."""
+
+from dataclasses import dataclass
+from typing import Any, Callable
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PorousMaterial:
+    """Skeleton law and fluid of one region; densities are real (intrinsic) ones [kg/m^3].
+
+    drag0 : γ_fR/k_f = μ_f/K, the drag per n_f² in the reference configuration [N s/m^4]
+    viscosity : μ_f [Pa s], zero where the Brinkman term is left out
+    variable_porosity : n_s = n_s0/J, else n_s = n_s0
+    """
+
+    elastic: Any
+    n_s0: float
+    rho_sR: float
+    rho_fR: float
+    drag0: float
+    permeability: Callable
+    exponent: float
+    viscosity: float = 0.0
+    variable_porosity: bool = False
+
+    def fluid_fraction(self, J):
+        """Return n_f, the shape of J."""
+        if not self.variable_porosity:
+            return np.broadcast_to(1 - self.n_s0, J.shape)
+        return 1 - self.n_s0 / J
+
+    def drag(self, J):
+        """Return S = n_f² γ_fR/k_f(J) [N s/m^4], the shape of J."""
+        return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability(J, self.n_s0, self.exponent)
+
+    @property
+    def rho_s(self):
+        """Return the skeleton's partial density in the reference configuration, n_s0 ρ_sR [kg/m^3]."""
+        return self.n_s0 * self.rho_sR

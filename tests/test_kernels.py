@@ -1,0 +1,137 @@
+"""Every element residual against its tangent by central differences, in 2-D and 3-D, orders 1 and 2, for every material."""
+
+import numpy as np
+import pytest
+
+from porofsi_petsc.elements import ELEMENTS
+from porofsi_petsc.fem.geometry import Rule, geometry, shape_hessians
+from porofsi_petsc.kernels import flow, solid
+from porofsi_petsc.materials import ELASTIC
+
+# Central differences of step h lose h² of truncation and eps/h of round-off: about 1e-9 relative at h = 1e-6 of the scale.
+FD_STEP, FD_TOLERANCE = 1e-6, 2e-7
+
+
+def central_difference(function, x):
+    """Return d function / d x, (E, n_out, n_in), of a function on element vectors x (E, ...)."""
+    flat = x.reshape(len(x), -1)
+    columns = []
+    for i in range(flat.shape[1]):
+        step = np.zeros_like(flat)
+        step[:, i] = FD_STEP
+        plus, minus = function((flat + step).reshape(x.shape)), function((flat - step).reshape(x.shape))
+        columns.append((plus - minus).reshape(len(x), -1) / (2 * FD_STEP))
+    return np.stack(columns, axis=-1)
+
+
+def relative(a, b):
+    """Return the largest difference over the largest entry."""
+    return np.abs(a - b).max() / np.abs(b).max()
+
+
+def distorted(element, rng, count=3):
+    """Return coordinates (E, A, d) of elements a little away from the reference simplex (curved for order 2)."""
+    return element.node_coordinates + 0.06 * rng.standard_normal((count, element.nodes, element.dim))
+
+
+@pytest.mark.parametrize("law", ELASTIC)
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_stress_tangent_is_the_derivative(name, law):
+    rng = np.random.default_rng(1)
+    element, material = ELEMENTS[name], ELASTIC[law](lam=1.7, mu=0.8)
+    X = distorted(element, rng)
+    rule = Rule.of(element, max(2 * (element.order - 1), 1))
+    reference = geometry(rule, X)
+    y = X + 0.05 * rng.standard_normal(X.shape)
+    exact = solid.stress_tangent(reference.G, reference.dV, material, y).reshape(len(X), X[0].size, X[0].size)
+    difference = central_difference(lambda z: solid.stress_residual(reference.G, reference.dV, material, z), y)
+    assert relative(exact, difference) < FD_TOLERANCE
+
+
+@pytest.mark.parametrize("law", ELASTIC)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
+    rng = np.random.default_rng(2)
+    material = ELASTIC[law](lam=1.7, mu=0.8)
+    F = np.eye(dim) + 0.1 * rng.standard_normal((4, dim, dim))
+    difference = central_difference(lambda z: material.energy(z), F).reshape(F.shape)
+    assert relative(material.stress(F), difference) < FD_TOLERANCE
+    tangent = central_difference(lambda z: material.stress(z), F).reshape(4, dim, dim, dim, dim)
+    assert relative(material.tangent(F), tangent) < FD_TOLERANCE
+    if material.small_strain:
+        return
+    Q = np.linalg.qr(rng.standard_normal((dim, dim)))[0]
+    Q[:, 0] *= np.sign(np.linalg.det(Q))
+    assert np.allclose(material.stress(Q @ F), Q @ material.stress(F), rtol=0, atol=1e-13)
+    assert np.abs(material.stress(np.broadcast_to(Q, F.shape))).max() < 1e-14
+
+
+def flow_chunk(element, rng, mu, convection):
+    """Return elements and fields of a random state with every coefficient of order one."""
+    X = distorted(element, rng)
+    rule = Rule.of(element, 2 * element.order)
+    E, Q, A, d = len(X), len(rule.weights), element.nodes, element.dim
+    points = lambda: 0.5 + rng.random((E, Q))  # noqa: E731
+    hessian = shape_hessians(element, X) if element.order == 2 else None
+    elements = flow.FlowElements(
+        N=rule.N, geometry=geometry(rule, X), n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), nu_lsic=points(),
+        tau_u=points(), hessian=hessian, convection=convection, order=element.order,
+    )  # fmt: skip
+    nodal = lambda *shape: rng.standard_normal((E, A, *shape))  # noqa: E731
+    fields = dict(v=nodal(d), a=nodal(d), v_m=nodal(d), v_s=nodal(d), p=nodal(), p_n=nodal(), b=rng.standard_normal((E, Q, d)))
+    return elements, fields
+
+
+@pytest.mark.parametrize("convection", [False, True])
+@pytest.mark.parametrize("mu", [0.0, 0.7])
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_flow_tangent_is_the_derivative(name, mu, convection):
+    rng = np.random.default_rng(3)
+    element = ELEMENTS[name]
+    d, c_f = element.dim, 1.3
+    el, z = flow_chunk(element, rng, mu, convection)
+
+    def fields(unknowns):
+        v, p = unknowns[..., :d], unknowns[..., d]
+        a = z["a"] + c_f * (v - z["v"])
+        return flow.FlowFields(v, a, v - z["v_m"], z["v_s"], p, p - z["p_n"], z["b"])
+
+    def residual(unknowns):
+        momentum, volume = flow.flow_residual(el, fields(unknowns))
+        return np.concatenate([momentum.sum(axis=0), volume.sum(axis=0)[..., None]], axis=-1)
+
+    unknowns = np.concatenate([z["v"], z["p"][..., None]], axis=-1)
+    size = unknowns[0].size
+    exact = flow.flow_tangent(el, fields(unknowns), c_f, d + 1).reshape(-1, size, size)
+    assert relative(exact, central_difference(residual, unknowns)) < FD_TOLERANCE
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_inertia_and_drag_tangents_are_the_derivatives(name):
+    rng = np.random.default_rng(4)
+    element = ELEMENTS[name]
+    X = distorted(element, rng)
+    rule = Rule.of(element, 2 * element.order)
+    dV = geometry(rule, X).dV
+    a = rng.standard_normal(X.shape)
+    exact = solid.mass_tangent(rule.N, 1.9 * dV, element.dim).reshape(len(X), a[0].size, a[0].size)
+    assert relative(exact, central_difference(lambda z: solid.inertia_residual(rule.N, dV, 1.9, z), a)) < FD_TOLERANCE
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_pressure_terms_of_the_phases_are_adjoint_to_the_volume_balance(name):
+    """∫ p-terms of solid · v_s + of fluid · v = -(volume balance · p): the pressure does no net work."""
+    from porofsi_petsc.materials.permeability import constant
+    from porofsi_petsc.materials.porous import PorousMaterial
+
+    rng = np.random.default_rng(5)
+    element = ELEMENTS[name]
+    el, z = flow_chunk(element, rng, 0.0, False)
+    material = PorousMaterial(ELASTIC["neo_hookean"](1.0, 1.0), 0.6, 1.0, 1.0, 1.0, constant, 0.0, 0.0, True)
+    J = 1 + 0.1 * rng.random(el.n.shape)
+    el = flow.FlowElements(**{**el.__dict__, "n": material.fluid_fraction(J)})
+    fields = flow.FlowFields(z["v"], z["a"], z["v"], z["v_s"], z["p"], z["p"] - z["p_n"], z["b"])
+    momentum, volume = flow.flow_residual(el, fields)
+    solid_pressure, _ = solid.coupling_residual(el.N, el.geometry, material, J, z["p"], z["v"] - z["v_s"])
+    power = (solid_pressure * z["v_s"]).sum() + (momentum[1] * z["v"]).sum() + (volume[:2].sum(axis=0) * z["p"]).sum()
+    assert abs(power) < 1e-12 * np.abs(momentum[1] * z["v"]).sum()
