@@ -1,0 +1,86 @@
+"""Entries [[boundary]], [body_force] and [initial]: what is prescribed, where, and what excludes what."""
+
+from .types import Flag, Formula, Table, Tags, Vector, wrong
+
+VECTORS = ("displacement", "velocity", "traction")
+
+
+class Boundary(Table):
+    """Conditions on tagged surfaces; what is absent is free, and impermeable (v_f.n = v_s.n).
+
+    displacement [m], velocity of the fluid phase [m/s], traction of the mixture per reference area [Pa], pressure [Pa], outward
+    seepage flux n_f w.n [m/s]; no_slip: v_f = v_s in all components.
+    """
+
+    on: Tags
+    displacement: Vector = Vector()
+    velocity: Vector = Vector()
+    traction: Vector = Vector()
+    pressure: Formula | None = None
+    flux: Formula | None = None
+    no_slip: Flag = False
+
+    def given(self):
+        """Return the names of what this entry prescribes, such as 'displacement.x' and 'pressure'."""
+        names = [f"{name}.{c}" for name in VECTORS for c in "xyz" if getattr(getattr(self, name), c) is not None]
+        names += [name for name in ("pressure", "flux") if getattr(self, name) is not None]
+        return names + ["no_slip"] * self.no_slip
+
+
+class BodyForce(Table):
+    """Acceleration b [m/s^2] that acts on each phase, times its partial density."""
+
+    solid: Vector = Vector()
+    fluid: Vector = Vector()
+
+
+class Initial(Table):
+    """State at t = 0: displacement [m], velocities [m/s] and pressure [Pa]; zero where absent."""
+
+    displacement: Vector = Vector()
+    solid_velocity: Vector = Vector()
+    fluid_velocity: Vector = Vector()
+    pressure: Formula | None = None
+
+
+def check_boundaries(boundaries, brinkman):
+    """Refuse a quantity prescribed twice on a tag, or beside one that excludes it."""
+    taken = {}
+    for i, boundary in enumerate(boundaries):
+        if boundary.no_slip and not brinkman:
+            raise wrong("received true, expected false without model.viscosity = true (Darcy)", f"boundary.{i}.no_slip")
+        for tag in boundary.on:
+            for quantity in boundary.given():
+                for other in (quantity, *_excluded_by(quantity)):
+                    if (tag, other) in taken:
+                        first = f"boundary.{taken[tag, other]}.{other}"
+                        text = f"tag '{tag}' has {first} already, which excludes {quantity}; remove one of the two"
+                        raise wrong(text, f"boundary.{i}.{quantity}")
+                taken[tag, quantity] = i
+
+
+def _excluded_by(quantity):
+    name, _, component = quantity.partition(".")
+    return {
+        "displacement": [f"traction.{component}"],
+        "traction": [f"displacement.{component}"],
+        "velocity": ["no_slip"],
+        "no_slip": ["velocity.x", "velocity.y", "velocity.z", "flux"],
+        "pressure": ["flux"],
+        "flux": ["pressure", "no_slip"],
+    }[name]
+
+
+def check_expressions(section, dim, key, position_only=False):
+    """Refuse components and variables beyond the dimension, and t where only the position is known."""
+    for name in type(section).model_fields:
+        value = getattr(section, name)
+        if isinstance(value, Vector):
+            if dim == 2 and value.z is not None:
+                raise wrong("received a component in a two-dimensional scene, expected only x and y", f"{key}.{name}.z")
+            check_expressions(value, dim, f"{key}.{name}", position_only)
+        elif hasattr(value, "names"):
+            if dim == 2 and "z" in value.names:
+                raise wrong(f"received {value.source!r} in a two-dimensional scene, expected no z", f"{key}.{name}")
+            if position_only and value.depends_on_time:
+                raise wrong(f"received {value.source!r}, expected a function of position only", f"{key}.{name}")

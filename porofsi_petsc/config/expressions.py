@@ -1,0 +1,244 @@
+"""Numbers, formulas of t, x, y, z and tables over time, checked when a scene is loaded and evaluated on many points at once."""
+
+import ast
+import csv
+import math
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import simpleeval
+
+from ..errors import InputError
+
+MAX_LENGTH = 2000
+MAX_NODES = 400
+VARIABLES = ("t", "x", "y", "z")
+CONSTANTS = {"pi": np.float64(math.pi), "e": np.float64(math.e)}
+
+
+def _erf(values):
+    from scipy.special import erf
+
+    return erf(values)
+
+
+def _heaviside(values):
+    return np.heaviside(values, 1.0)
+
+
+# name: (function, number of arguments); heaviside(0) = 1, so a load switched on at t = 0 acts at t = 0.
+FUNCTIONS = {
+    "sin": (np.sin, 1),
+    "cos": (np.cos, 1),
+    "tan": (np.tan, 1),
+    "exp": (np.exp, 1),
+    "log": (np.log, 1),
+    "sqrt": (np.sqrt, 1),
+    "abs": (np.abs, 1),
+    "sinh": (np.sinh, 1),
+    "cosh": (np.cosh, 1),
+    "tanh": (np.tanh, 1),
+    "erf": (_erf, 1),
+    "heaviside": (_heaviside, 1),
+    "minimum": (np.minimum, 2),
+    "maximum": (np.maximum, 2),
+    "where": (np.where, 3),
+}
+OPERATORS = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+    ast.Mod: np.mod,
+    ast.Pow: np.float_power,
+    ast.USub: np.negative,
+    ast.UAdd: np.positive,
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+    ast.Eq: np.equal,
+    ast.NotEq: np.not_equal,
+    ast.BitAnd: np.logical_and,
+    ast.BitOr: np.logical_or,
+    ast.Invert: np.logical_not,
+}
+HINTS = {
+    ast.BitXor: "write ** for a power",
+    ast.BoolOp: "write & and | with each comparison in parentheses",
+    ast.Not: "write ~( ) for a negation",
+    ast.IfExp: "write where(condition, a, b)",
+}
+SYNTAX = (ast.Expr, ast.BinOp, ast.UnaryOp, ast.Compare, ast.Call, ast.Name, ast.Constant, ast.Load, *OPERATORS)
+
+
+class Expression:
+    """A scalar function of time and position.
+
+    value : a number, a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of `FUNCTIONS`, comparisons, & | ~),
+        or {"table": "load.csv", "column": "force"}: linear between the rows, constant beyond the ends; the first column is t, the
+        column defaults to the second.
+    folder : where a relative table path starts.
+    Raises InputError when the value is none of these, or the formula fails in a trial at one point.
+    """
+
+    def __init__(self, value, folder=None):
+        self.names = frozenset()
+        if isinstance(value, dict):
+            self.source, self._evaluate = _table(value, folder)
+            self.names = frozenset("t")
+        elif isinstance(value, str):
+            self.source = value
+            self.names, self._evaluate = _formula(value)
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            self.source = float(value)
+            self._evaluate = lambda t, x: np.float64(self.source)
+        else:
+            raise InputError(f'received {value!r}, expected a number, a formula in quotes or {{ table = "file.csv" }}')
+        if self.is_constant:
+            self(0.0, np.zeros((1, 3)))
+
+    @property
+    def is_constant(self):
+        """Tell whether the value depends on neither time nor position."""
+        return not self.names
+
+    @property
+    def depends_on_time(self):
+        """Tell whether the value changes with time."""
+        return "t" in self.names
+
+    def __call__(self, t, x):
+        """Return the values, (n,), at time t [s] and the points x, (n, d) [m]; raise InputError where one is not finite."""
+        values = np.empty(len(x))
+        values[:] = self._evaluate(t, x)
+        finite = np.isfinite(values)
+        if not finite.all():
+            first = int(np.argmin(finite))
+            where = "" if self.is_constant else f" at t = {t:g} s, point ({', '.join(f'{c:g}' for c in x[first])})"
+            raise InputError(f"expression {self.source!r}: received {values[first]}{where}, expected a finite number")
+        return values
+
+    def __eq__(self, other):
+        return isinstance(other, Expression) and self.source == other.source
+
+    def __hash__(self):
+        return hash(str(self.source))
+
+    def __repr__(self):
+        return f"Expression({self.source!r})"
+
+
+def _formula(text):
+    """Return the variables of the formula and a function of (t, x) that evaluates its parsed tree."""
+    tree = _parse(text)
+    names = _check(tree, text)
+    evaluator = simpleeval.SimpleEval(operators=OPERATORS, functions={name: f for name, (f, _) in FUNCTIONS.items()})
+    evaluator.nodes[ast.Constant] = lambda node: np.float64(node.value)
+
+    def evaluate(t, x):
+        evaluator.names = CONSTANTS | {"t": np.float64(t)} | {name: x[:, i] for i, name in enumerate("xyz"[: x.shape[1]])}
+        try:
+            with np.errstate(all="ignore"):
+                return evaluator.eval(text, previously_parsed=tree)
+        except (simpleeval.InvalidExpression, TypeError, ValueError) as error:
+            raise InputError(f"expression {text!r} cannot be evaluated: {error}") from None
+
+    trial = np.asarray(evaluate(0.0, np.full((1, 3), 0.5)))
+    if trial.dtype.kind != "f":
+        raise InputError(f"expression {text!r}: received a true/false value, expected a number; write where(condition, 1, 0)")
+    return names, evaluate
+
+
+def _parse(text):
+    if len(text) > MAX_LENGTH:
+        raise InputError(f"expression of {len(text)} characters, expected at most {MAX_LENGTH}; use a table")
+    try:
+        body = ast.parse(text.strip()).body
+    except SyntaxError as error:
+        raise InputError(f"expression {text!r} is not a formula: {error.msg} at character {error.offset}") from None
+    except (ValueError, RecursionError, MemoryError):
+        raise InputError(f"expression {text[:40]!r} is not a formula: too deeply nested or with null characters") from None
+    if len(body) != 1:
+        raise InputError(f"expression {text!r}: received {len(body)} formulas, expected one")
+    return body[0]
+
+
+def _check(tree, text):
+    """Return the variables used; refuse what is no arithmetic on arrays before anything is evaluated."""
+    nodes = list(ast.walk(tree))
+    if len(nodes) > MAX_NODES:
+        raise InputError(f"expression {text[:40]!r}… has {len(nodes)} terms, expected at most {MAX_NODES}; use a table")
+    called = set()
+    for node in nodes:
+        if not isinstance(node, SYNTAX):
+            hint = HINTS.get(type(node), "use + - * / % **, comparisons, & | ~ and functions")
+            raise InputError(f"expression {text!r}: {type(node).__name__} is not allowed; {hint}")
+        if isinstance(node, ast.Constant) and type(node.value) not in (int, float):
+            raise InputError(f"expression {text!r}: received {node.value!r}, expected a number")
+        if isinstance(node, ast.Compare) and len(node.ops) > 1:
+            raise InputError(f"expression {text!r}: a chain of comparisons is not allowed; write (a < b) & (b < c)")
+        if isinstance(node, ast.Call):
+            called.add(_check_call(node, text))
+    used = {node.id for node in nodes if isinstance(node, ast.Name) and node not in called}
+    unknown = sorted(used - set(VARIABLES) - set(CONSTANTS))
+    if unknown:
+        raise InputError(f"expression {text!r}: unknown name '{unknown[0]}'; choose from {', '.join([*VARIABLES, *CONSTANTS])}")
+    return frozenset(used & set(VARIABLES))
+
+
+def _check_call(node, text):
+    name = getattr(node.func, "id", None)
+    if name not in FUNCTIONS:
+        raise InputError(f"expression {text!r}: unknown function '{name}'; choose from {', '.join(FUNCTIONS)}")
+    arity = FUNCTIONS[name][1]
+    if node.keywords or len(node.args) != arity:
+        raise InputError(f"expression {text!r}: {name} received {len(node.args)} arguments, expected {arity}")
+    return node.func
+
+
+def _table(value, folder):
+    """Return the resolved source and the interpolating function of a {table, column} entry."""
+    unknown = sorted(set(value) - {"table", "column"})
+    if unknown or not all(isinstance(entry, str) for entry in value.values()) or "table" not in value:
+        raise InputError(f'received {value!r}, expected {{ table = "file.csv", column = "name" }}')
+    path = Path(folder or ".", value["table"]).resolve()
+    times, values = _read_table(path, value.get("column"))
+    return dict(value, table=str(path)), lambda t, x: np.interp(t, times, values)
+
+
+@lru_cache(maxsize=64)
+def _read_table(path, column):
+    """Return the first column (strictly increasing times [s]) and the wanted one of a CSV file, with or without a header."""
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.reader(file, skipinitialspace=True) if row and not row[0].startswith("#")]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"table {path} cannot be read: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+    header = rows.pop(0) if rows and not _is_number(rows[0][0]) else []
+    index = _column(header, column, path)
+    try:
+        times, values = np.array([(float(row[0]), float(row[index])) for row in rows]).reshape(-1, 2).T
+    except (ValueError, IndexError) as error:
+        raise InputError(f"table {path}: expected numbers in column {index + 1} of every row ({error})") from None
+    if not len(times) or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+        raise InputError(f"table {path}: expected at least one row and strictly increasing times in the first column")
+    return times, values
+
+
+def _column(header, column, path):
+    if column is None:
+        return 1
+    names = [name.strip() for name in header]
+    if column not in names[1:]:
+        raise InputError(f"table {path}: no column '{column}'; choose from {', '.join(names[1:]) or 'none, it has no header'}")
+    return names.index(column)
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,131 @@
+"""Section [mesh]: a graded rectangle, a graded box or a mesh file."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+
+from .types import Count, Interval, Name, Number, Positive, Table, Text, list_of, wrong
+
+SIDES = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
+
+
+class Axis(Table):
+    """Breakpoints [m], cells per segment and the ratio of the last to the first cell of each segment."""
+
+    points: list_of(Number, shortest=2)
+    cells: list_of(Count, shortest=1)
+    ratios: list_of(Positive) = ()
+
+    @model_validator(mode="after")
+    def _fit_together(self):
+        segments = len(self.points) - 1
+        if any(b <= a for a, b in zip(self.points, self.points[1:], strict=False)):
+            raise wrong(f"received {list(self.points)}, expected increasing numbers", "points")
+        if len(self.cells) != segments:
+            raise wrong(f"received {len(self.cells)} entries, expected {segments}, one per segment of points", "cells")
+        ratios = self.ratios or (1.0,) * segments
+        if len(ratios) != segments:
+            raise wrong(f"received {len(ratios)} entries, expected {segments}, one per segment of points", "ratios")
+        return self.model_copy(update={"ratios": ratios})
+
+
+class Block(Table):
+    """A named part of a generated mesh; an absent interval [m] means the whole axis."""
+
+    name: Name
+    x: Interval | None = None
+    y: Interval | None = None
+    z: Interval | None = None
+
+    @model_validator(mode="after")
+    def _intervals_increase(self):
+        for axis in "xyz":
+            interval = getattr(self, axis)
+            if interval is not None and interval[0] >= interval[1]:
+                raise wrong(f"received {list(interval)}, expected [smaller, larger]", axis)
+        return self
+
+
+class Region(Block):
+    """A named volume."""
+
+
+class Patch(Block):
+    """A named part of one side."""
+
+    side: Literal["left", "right", "front", "back", "bottom", "top"]
+
+
+class Generated(Table):
+    """What the built-in meshes share."""
+
+    order: Literal[1, 2] = 1
+    patches: list_of(Patch) = ()
+    regions: list_of(Region) = ()
+
+    @model_validator(mode="after")
+    def _parts_fit(self):
+        for kind, parts, taken in (("patches", self.patches, list(SIDES[self.dim])), ("regions", self.regions, ["all"])):
+            for i, part in enumerate(parts):
+                self._check_part(f"{kind}.{i}", part, taken)
+                taken.append(part.name)
+        return self
+
+    def _check_part(self, key, part, taken):
+        if part.name in taken:
+            raise wrong(f"received '{part.name}' again, expected a name of its own", f"{key}.name")
+        if getattr(part, "side", "top") not in SIDES[self.dim]:
+            raise wrong(f"received '{part.side}', expected one of {', '.join(SIDES[self.dim])}", f"{key}.side")
+        for axis in "xyz":
+            interval = getattr(part, axis)
+            if interval is None:
+                continue
+            if axis == "z" and self.dim == 2:
+                raise wrong("received an interval in a two-dimensional scene, expected none", f"{key}.z")
+            points = getattr(self, axis).points
+            if interval[0] < points[0] or interval[1] > points[-1]:
+                raise wrong(f"received {list(interval)}, expected a part of [{points[0]}, {points[-1]}]", f"{key}.{axis}")
+
+
+class Rectangle(Generated):
+    """A graded rectangle of triangles."""
+
+    kind: Literal["rectangle"]
+    x: Axis
+    y: Axis
+    diagonal: Literal["right", "left", "alternating"] = "right"
+
+    @property
+    def dim(self):
+        """Return 2."""
+        return 2
+
+
+class Box(Generated):
+    """A graded box of tetrahedra."""
+
+    kind: Literal["box"]
+    x: Axis
+    y: Axis
+    z: Axis
+
+    @property
+    def dim(self):
+        """Return 3."""
+        return 3
+
+
+def _from_scene(path, info: ValidationInfo):
+    return str(Path((info.context or {}).get("folder", "."), path).resolve())
+
+
+class MeshFile(Table):
+    """A mesh file with named boundaries; a relative path starts at the scene's folder."""
+
+    kind: Literal["file"]
+    path: Annotated[Text, Field(min_length=1), AfterValidator(_from_scene)]
+    dim: Literal[2, 3]
+
+
+MeshSection = Annotated[Rectangle | Box | MeshFile, Field(discriminator="kind")]

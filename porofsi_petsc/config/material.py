@@ -1,0 +1,102 @@
+"""Entries [[material]]: one saturated soil per volume group."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .types import Number, Positive, Table, Tags, wrong
+
+EXPONENT_LAWS = ("markert", "ehlers_eipper")
+
+
+class Solid(Table):
+    """The skeleton: law, Lamé parameters [Pa] (or young [Pa] and poisson) and true density rho_sR [kg/m^3]."""
+
+    law: Literal["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"]
+    lambda_: Number | None = Field(None, alias="lambda")
+    mu: Positive | None = None
+    young: Positive | None = None
+    poisson: Annotated[Number, Field(gt=-1, lt=0.5)] | None = None
+    density: Positive
+
+    @model_validator(mode="after")
+    def _resolve_lame(self):
+        """Set lambda = E nu / ((1 + nu)(1 - 2 nu)) and mu = E / (2 (1 + nu)); keep lambda and mu where these are given."""
+        given = {name for name in ("lambda_", "mu", "young", "poisson") if getattr(self, name) is not None}
+        if given not in ({"lambda_", "mu"}, {"young", "poisson"}):
+            names = ", ".join(sorted(name.rstrip("_") for name in given)) or "none of them"
+            raise wrong(f"received {names}, expected either lambda and mu, or young and poisson")
+        if given == {"lambda_", "mu"}:
+            if 3 * self.lambda_ + 2 * self.mu <= 0:
+                raise wrong(f"received {self.lambda_}, expected more than -2/3 mu (a positive bulk modulus)", "lambda")
+            return self
+        E, nu = self.young, self.poisson
+        lame = {"lambda_": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
+        return self.model_copy(update=lame | {"young": None, "poisson": None})
+
+
+class Fluid(Table):
+    """The pore fluid: rho_fR [kg/m^3], specific weight gamma_fR [N/m^3], viscosity mu_f [Pa s]."""
+
+    density: Positive
+    specific_weight: Positive | None = None
+    viscosity: Positive | None = None
+
+
+class Permeability(Table):
+    """Darcy coefficient k [m/s] or intrinsic permeability [m^2] in the reference state, and how it follows the deformation."""
+
+    law: Literal["constant", "markert", "ehlers_eipper", "kozeny_carman", "xie_leo"]
+    k: Positive | None = None
+    intrinsic: Positive | None = None
+    exponent: Positive | None = None
+
+    @model_validator(mode="after")
+    def _complete(self):
+        if (self.k is None) == (self.intrinsic is None):
+            raise wrong("expected exactly one of k [m/s] and intrinsic [m^2]")
+        if self.law in EXPONENT_LAWS and self.exponent is None:
+            raise wrong(f"received nothing, expected a number, which law '{self.law}' needs", "exponent")
+        if self.law not in EXPONENT_LAWS and self.exponent is not None:
+            raise wrong(f"received {self.exponent}, expected none: law '{self.law}' has no exponent", "exponent")
+        return self
+
+
+class Material(Table):
+    """A saturated porous material: initial porosity n_f, solid, fluid and permeability."""
+
+    region: Tags
+    porosity: Annotated[Number, Field(gt=0, lt=1)]
+    solid: Solid
+    fluid: Fluid
+    permeability: Permeability
+
+    @property
+    def mobility(self):
+        """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state, so that the drag is S = n_f^2 / mobility."""
+        if self.permeability.k is not None:
+            return self.permeability.k / self.fluid.specific_weight
+        return self.permeability.intrinsic / self.fluid.viscosity
+
+    @model_validator(mode="after")
+    def _mobility_known(self):
+        if self.permeability.k is not None and self.fluid.specific_weight is None:
+            raise wrong("received nothing, expected a number [N/m^3], which permeability.k needs", "fluid.specific_weight")
+        if self.permeability.intrinsic is not None and self.fluid.viscosity is None:
+            raise wrong("received nothing, expected a number [Pa s], which permeability.intrinsic needs", "fluid.viscosity")
+        return self
+
+
+def check_materials(materials, brinkman):
+    """Refuse a region with two materials, and a missing viscosity where the Brinkman term needs one."""
+    owner = {}
+    for i, material in enumerate(materials):
+        for region in material.region:
+            if region in owner:
+                raise wrong(f"region '{region}' has a material already, material.{owner[region]}", f"material.{i}.region")
+            owner[region] = i
+        if brinkman and material.fluid.viscosity is None:
+            key = f"material.{i}.fluid.viscosity"
+            raise wrong("received nothing, expected a number [Pa s], which model.viscosity = true needs", key)
+    if "all" in owner and len(owner) > 1:
+        raise wrong("received 'all' beside other regions, expected 'all' alone", f"material.{owner['all']}.region")

@@ -1,0 +1,82 @@
+"""Turn the schema library's errors into sentences: file, key, received, expected."""
+
+MAX_SENTENCES = 10
+EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text in quotes",
+    "string_too_short": "text that is not empty",
+    "string_pattern_mismatch": "a name of letters, digits, _ and -, that starts with a letter or _",
+    "finite_number": "a finite number",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "greater_than": "a number > {gt:g}",
+    "greater_than_equal": "a number >= {ge:g}",
+    "less_than": "a number < {lt:g}",
+    "less_than_equal": "a number <= {le:g}",
+}
+
+
+def sentences(where, error, tables):
+    """Return one line per error of a pydantic ValidationError, at most ten.
+
+    where : the file; tables : the raw input, which tells real keys from the library's own path entries.
+    """
+    errors = error.errors(include_url=False)
+    lines = [f"{where} {_sentence(entry, tables)}" for entry in errors[:MAX_SENTENCES]]
+    if len(errors) > MAX_SENTENCES:
+        lines.append(f"{where}: and {len(errors) - MAX_SENTENCES} more errors")
+    return "\n".join(lines)
+
+
+def _sentence(entry, tables):
+    key, text = _key(entry, tables), _text(entry)
+    return f"[{key}]: {text}" if key else f"[scene]: {text}"
+
+
+def _key(entry, tables):
+    parts = _real_parts(entry["loc"], tables, keep_last=entry["type"] == "missing")
+    context = entry.get("ctx", {})
+    if entry["type"].startswith("union_tag"):
+        parts.append(context["discriminator"].strip("'"))
+    return ".".join([*parts, *filter(None, [context.get("key")])])
+
+
+def _real_parts(location, data, keep_last):
+    parts = []
+    for i, part in enumerate(location):
+        if isinstance(data, dict) and part in data:
+            data = data[part]
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        elif not (keep_last and i == len(location) - 1):
+            continue
+        parts.append(str(part))
+    return parts
+
+
+def _text(entry):
+    kind, context = entry["type"], entry.get("ctx", {})
+    if kind == "wrong":
+        return context["text"]
+    if kind in ("missing", "union_tag_not_found"):
+        return "received nothing, expected this key, which has no default"
+    if kind == "union_tag_invalid":
+        return f"received '{context['tag']}', expected one of {context['expected_tags'].replace(chr(39), '')}"
+    return f"received {_shown(entry['input'])}, expected {_expected(kind, context, entry['msg'])}"
+
+
+def _expected(kind, context, message):
+    if kind == "literal_error":
+        choices = context["expected"].replace("'", "").replace(" or ", ", ")
+        return f"one of {choices}"
+    return EXPECTED[kind].format(**context) if kind in EXPECTED else message
+
+
+def _shown(value):
+    value = list(value) if isinstance(value, tuple) else value
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

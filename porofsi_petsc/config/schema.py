@@ -1,0 +1,96 @@
+"""The scene: every section of the file with its defaults, and the checks between sections."""
+
+from pathlib import Path
+
+from pydantic import PrivateAttr, model_validator
+
+from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_expressions
+from .geometry import MeshSection
+from .material import Material, check_materials
+from .sections import Coupling, Expect, Figures, Limits, Model, Output, Petsc, Probe, Smoke, Stabilization, Time
+from .types import Table, Text, closest, list_of, wrong
+
+
+class Scene(Table):
+    """One simulation, frozen and complete; equal scenes have equal content wherever they were loaded from."""
+
+    title: Text
+    description: Text = ""
+    mesh: MeshSection
+    model: Model = Model()
+    limits: Limits = Limits()
+    time: Time
+    material: list_of(Material, shortest=1)
+    boundary: list_of(Boundary) = ()
+    body_force: BodyForce = BodyForce()
+    initial: Initial = Initial()
+    stabilization: Stabilization = Stabilization()
+    coupling: Coupling = Coupling()
+    petsc: Petsc = Petsc()
+    probe: list_of(Probe) = ()
+    output: Output = Output()
+    figures: Figures = Figures()
+    expect: list_of(Expect) = ()
+    smoke: Smoke = {}
+
+    _source_path: Path | None = PrivateAttr(None)
+
+    @property
+    def dim(self):
+        """Return the space dimension, 2 or 3."""
+        return self.mesh.dim
+
+    @property
+    def source_path(self):
+        """Return the path of the file the scene was loaded from, None when it was made otherwise."""
+        return self._source_path
+
+    @property
+    def name(self):
+        """Return the stem of the scene's file name."""
+        return self._source_path.stem if self._source_path else "scene"
+
+    def __eq__(self, other):
+        return isinstance(other, Scene) and self.model_dump() == other.model_dump()
+
+    __hash__ = None
+
+    @model_validator(mode="after")
+    def _sections_agree(self):
+        check_materials(self.material, self.model.viscosity)
+        check_boundaries(self.boundary, self.model.viscosity)
+        for i, boundary in enumerate(self.boundary):
+            check_expressions(boundary, self.dim, f"boundary.{i}")
+        check_expressions(self.body_force, self.dim, "body_force")
+        check_expressions(self.initial, self.dim, "initial", position_only=True)
+        self._check_time_scheme()
+        self._check_probes()
+        self._check_expectations()
+        return self
+
+    def _check_time_scheme(self):
+        if self.time.scheme == "backward_euler" and (self.model.solid_inertia or self.model.fluid_inertia):
+            text = "received 'backward_euler' with inertia, expected model.solid_inertia = false and model.fluid_inertia = false"
+            raise wrong(f"{text}, or scheme = 'generalized_alpha'", "time.scheme")
+
+    def _check_probes(self):
+        names = [probe.name for probe in self.probe]
+        for i, probe in enumerate(self.probe):
+            if probe.name in names[:i]:
+                text = f"received '{probe.name}', the name of probe.{names.index(probe.name)}, expected another"
+                raise wrong(text, f"probe.{i}.name")
+            if len(probe.at) != self.dim:
+                raise wrong(f"received {len(probe.at)} coordinates, expected {self.dim}", f"probe.{i}.at")
+            for quantity in probe.quantities:
+                if self.dim == 2 and quantity.endswith("_z"):
+                    raise wrong(f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities")
+
+    def _check_expectations(self):
+        recorded = [f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities]
+        for i, expect in enumerate(self.expect):
+            if expect.quantity not in recorded:
+                text = f"received '{expect.quantity}', which no [[probe]] records; {closest(expect.quantity, recorded)}"
+                raise wrong(text, f"expect.{i}.quantity")
+        for name in self.figures.paths:
+            if not {f"{name}.u_x", f"{name}.u_y"} <= set(recorded):
+                raise wrong(f"received '{name}', expected a probe that records u_x and u_y", "figures.paths")

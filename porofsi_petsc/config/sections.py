@@ -1,0 +1,134 @@
+"""The small sections of a scene: model, limits, time, solver choices, probes, output and expectations."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from .types import Count, Flag, Limit, Name, Number, Positive, Table, Text, list_of, wrong
+
+QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
+
+
+class Model(Table):
+    """Which terms are solved; what is false is left out, costs nothing and is measured against [limits]."""
+
+    solid_inertia: Flag = True
+    fluid_inertia: Flag = True
+    convection: Flag = False
+    viscosity: Flag = False
+    moving_mesh: Flag = False
+    porosity: Literal["constant", "variable"] = "constant"
+
+
+class Limits(Table):
+    """Bounds that stop the run when a term left out turns out large; "report" only reports it.
+
+    strain: max |E| of a small-strain law; mesh_displacement: max |u| over the element size when the mesh is fixed; reynolds:
+    element Reynolds number without convection; inertia: inertial over elastic force without inertia.
+    """
+
+    strain: Limit = 0.05
+    mesh_displacement: Limit = 0.1
+    reynolds: Limit = 0.1
+    inertia: Limit = 0.1
+
+
+class Time(Table):
+    """End time, first step and its growth per step up to max_step [s]; rho_inf is the spectral radius at infinity."""
+
+    end: Positive
+    step: Positive
+    rho_inf: Annotated[Number, Field(ge=0, le=1)] = 0.5
+    scheme: Literal["generalized_alpha", "backward_euler"] = "generalized_alpha"
+    growth: Annotated[Number, Field(ge=1)] = 1.0
+    max_step: Positive | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if self.step > self.end:
+            raise wrong(f"received {self.step:g} s, expected at most time.end = {self.end:g} s", "step")
+        if self.max_step is not None and self.max_step < self.step:
+            raise wrong(f"received {self.max_step:g} s, expected at least time.step = {self.step:g} s", "max_step")
+        return self
+
+
+class Stabilization(Table):
+    """Stabilization terms of the fluid block and of the undrained limit."""
+
+    pspg: Flag = True
+    supg: Flag = True
+    lsic: Flag = True
+    undrained: Flag = True
+
+
+class Coupling(Table):
+    """The partitioned iteration: split, accelerator and its factor, tolerance on the true residuals, and what ends it."""
+
+    split: Literal["corrected", "plain"] = "corrected"
+    accelerator: Literal["aitken", "none", "constant", "anderson"] = "aitken"
+    relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
+    tolerance: Annotated[Positive, Field(lt=1)] = 1e-6
+    max_iterations: Count = 60
+    tangent: Literal["lagged", "newton"] = "lagged"
+    on_failure: Literal["stop", "cut_step"] = "stop"
+    max_cuts: Count = 4
+
+
+class Petsc(Table):
+    """PETSc's options as on a command line, prefixes fluid_ and solid_."""
+
+    options: Text = ""
+
+
+class Probe(Table):
+    """A reference point [m] and the quantities recorded there in every step."""
+
+    name: Name
+    at: list_of(Number, shortest=2, longest=3)
+    quantities: list_of(Literal[QUANTITIES], shortest=1)
+
+    @model_validator(mode="after")
+    def _distinct(self):
+        if len(set(self.quantities)) < len(self.quantities):
+            raise wrong(f"received {list(self.quantities)}, expected each quantity once", "quantities")
+        return self
+
+
+class Output(Table):
+    """Intervals of the output, in steps (minutes where it says so); absent means never."""
+
+    fields_every: Count | None = None
+    checkpoint_every: Count | None = None
+    checkpoint_minutes: Positive | None = None
+    history_every: Count = 1
+
+
+class Figures(Table):
+    """Times [s] of the field figures, magnification of the displacement (absent: automatic), probes whose path is drawn."""
+
+    times: list_of(Annotated[Number, Field(ge=0)]) = ()
+    deformation_scale: Annotated[Number, Field(ge=0)] | None = None
+    paths: list_of(Name) = ()
+
+
+class Expect(Table):
+    """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value| (or times scale)."""
+
+    quantity: Text
+    at: Annotated[Number, Field(ge=0)] | None = None
+    statistic: Literal["max", "min", "abs_max", "final"] | None = None
+    value: Number
+    tolerance: Positive
+    scale: Positive | None = None
+    source: Text = ""
+
+    @model_validator(mode="after")
+    def _complete(self):
+        if (self.at is None) == (self.statistic is None):
+            raise wrong('expected exactly one of at = TIME and statistic = "max" | "min" | "abs_max" | "final"')
+        if self.value == 0 and self.scale is None:
+            raise wrong("received nothing, expected a positive number, because the value 0 has no relative tolerance", "scale")
+        return self
+
+
+Smoke = dict[str, Any]
