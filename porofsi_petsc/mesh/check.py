@@ -1,0 +1,154 @@
+"""Checks of a mesh that came from outside; each raises InputError with one sentence."""
+
+import numpy as np
+
+from ..elements import ELEMENTS
+from ..elements.quadrature import quadrature
+from ..errors import InputError
+from .topology import facet_multiplicity
+
+# det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under any graded mesh, over round-off
+DEGENERATE = 1e-12
+JACOBIAN_CHUNK = 20000
+
+
+def place(coordinates):
+    """Return coordinates as text, (x, y[, z])."""
+    return "(" + ", ".join(f"{x:.6g}" for x in coordinates) + ")"
+
+
+def require_tags(mesh, names, where):
+    """Raise InputError unless every name is a facet tag of the mesh."""
+    _require_names(names, mesh.facets, where, "boundary tag")
+
+
+def require_regions(mesh, names, where):
+    """Raise InputError unless every name is a region of the mesh."""
+    _require_names(names, mesh.regions, where, "region")
+
+
+def _require_names(names, available, where, kind):
+    for name in names:
+        if name not in available:
+            raise InputError(f"{where}: the mesh has no {kind} '{name}'; choose from {', '.join(sorted(available))}")
+
+
+def require_file(path):
+    """Raise InputError unless the path is a file with content."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such mesh file; check mesh.file in the scene")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the mesh file is empty (0 bytes); write the mesh again")
+
+
+def volume_element(blocks, dim, where):
+    """Return the element of the cells of the highest dimension, which must be dim; blocks: pairs (meshio name, dimension)."""
+    if not blocks:
+        raise InputError(f"{where}: the mesh file has no cells; write the mesh again with its elements")
+    highest = max(block_dim for _, block_dim in blocks)
+    kinds = sorted({kind for kind, block_dim in blocks if block_dim == highest})
+    if highest != dim:
+        raise InputError(f"{where}: the scene is {dim}-D but the mesh {highest}-D ({', '.join(kinds)}); give one of {dim}-D")
+    supported = {element.meshio_name: element for element in ELEMENTS.values() if element.dim == dim}
+    unsupported = [kind for kind in kinds if kind not in supported]
+    if unsupported:
+        choices = " or ".join(supported)
+        raise InputError(f"{where}: unsupported cells of kind {', '.join(unsupported)}; mesh the domain with {choices}")
+    if len(kinds) > 1:
+        raise InputError(f"{where}: mixed cells of kinds {', '.join(kinds)}; mesh the whole domain with one of them")
+    return supported[kinds[0]]
+
+
+def plane_points(points, dim, where):
+    """Return the points, (N, dim), without the constant z coordinate of a plane mesh."""
+    if not np.isfinite(points).all():
+        first = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
+        raise InputError(f"{where}: node {first} (counted from 0) has the coordinates {place(points[first])}; write finite ones")
+    extra = points[:, dim:]
+    if extra.size and np.ptp(extra) > 1e-9 * max(np.ptp(points, axis=0)):
+        span = f"{extra.min():g} to {extra.max():g} m"
+        raise InputError(f"{where}: the z coordinates of the 2-D mesh vary from {span}; put it into a plane z = constant")
+    return np.ascontiguousarray(points[:, :dim], dtype=float)
+
+
+def oriented(points, cells, element, where):
+    """Return the cells with vertices 1 and 2 (and the mid-edge nodes) swapped where the determinant of the edges is negative."""
+    edges = points[cells[:, 1 : element.dim + 1]] - points[cells[:, :1]]
+    det = np.linalg.det(edges)
+    size = np.sqrt((edges**2).sum(axis=2).max(axis=1)) ** element.dim
+    degenerate = np.flatnonzero(np.abs(det) <= DEGENERATE * size)
+    if len(degenerate):
+        e = degenerate[0]
+        corners = ", ".join(place(x) for x in points[cells[e, : element.dim + 1]])
+        raise InputError(f"{where}: cell {e} (counted from 0) is degenerate, its vertices are {corners}; repair the mesh")
+    return np.where(det[:, None] < 0, cells[:, _mirror(element)], cells)
+
+
+def _mirror(element):
+    """Return the permutation of the nodes of an element that swaps vertices 1 and 2."""
+    vertex = [0, 2, 1, 3][: element.dim + 1]
+    if element.order == 1:
+        return vertex
+    edges = [set(edge) for edge in element.edges]
+    return vertex + [element.dim + 1 + edges.index({vertex[a], vertex[b]}) for a, b in element.edges]
+
+
+def require_positive_jacobian(points, cells, element, where):
+    """Raise InputError where det dx/dxi <= 0 at a node or quadrature point of a curved element."""
+    if element.order == 1:
+        return
+    xi = np.vstack([element.node_coordinates, quadrature(element.dim, 2 * element.order)[0]])
+    gradient = element.gradient(xi)
+    for start in range(0, len(cells), JACOBIAN_CHUNK):
+        X = points[cells[start : start + JACOBIAN_CHUNK]]
+        det = np.linalg.det(np.einsum("eai,qaj->eqij", X, gradient, optimize=True))
+        bad = np.argwhere(det <= 0)
+        if len(bad):
+            e, q = bad[0]
+            at = place(element.shape(xi[q : q + 1])[0] @ X[e])
+            raise InputError(
+                f"{where}: the curved cell {start + e} (counted from 0) is folded, its Jacobian is {det[e, q]:.3g} at {at};"
+                " refine the mesh there or straighten the curved edge"
+            )
+
+
+def require_known_nodes(points, cells, where):
+    """Raise InputError when a cell has a node that the file does not list."""
+    unknown = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
+    if len(unknown):
+        raise InputError(f"{where}: cell {unknown[0]} (counted from 0) has a node missing in the file; write the mesh again")
+
+
+def require_no_orphans(points, cells, where):
+    """Raise InputError when a node belongs to no cell."""
+    used = np.zeros(len(points), dtype=bool)
+    used[cells] = True
+    orphans = np.flatnonzero(~used)
+    if len(orphans):
+        first = f"node {orphans[0]} (counted from 0) at {place(points[orphans[0]])}"
+        raise InputError(f"{where}: {len(orphans)} nodes belong to no cell, the first is {first}; remove them")
+
+
+def require_regions_of_cells(points, cells, cell_region, where):
+    """Raise InputError when a cell has no region (index -1)."""
+    bare = np.flatnonzero(cell_region < 0)
+    if len(bare):
+        at = place(points[cells[bare[0]]].mean(axis=0))
+        raise InputError(
+            f"{where}: {len(bare)} of {len(cells)} cells have no named physical group, the first is cell {bare[0]}"
+            f" (counted from 0) at {at}; put every cell into a named physical group"
+        )
+
+
+def require_tagged_boundary(points, cells, element, tagged, where):
+    """Raise InputError for a boundary facet without a tag, or a facet of three cells; tagged : (E, facets of a cell) bool."""
+    multiplicity = facet_multiplicity(cells, element)
+    untagged = (multiplicity == 1) & ~tagged
+    for wrong, what in (
+        (multiplicity > 2, "facets are shared by more than two cells, the first at {}; remove the doubled cells"),
+        (untagged, "boundary facets have no tag, the first at {}; put every boundary facet into a named physical group"),
+    ):
+        cell, local = np.nonzero(wrong)
+        if len(cell):
+            corners = cells[cell[0], list(element.facets[local[0]][: element.dim])]
+            raise InputError(f"{where}: {len(cell)} {what.format(place(points[corners].mean(axis=0)))}")

@@ -1,0 +1,170 @@
+"""Graded rectangles and boxes with named sides, patches and regions."""
+
+from itertools import permutations, product
+
+import numpy as np
+
+from ..elements import ELEMENTS
+from ..errors import InputError
+from .mesh import Mesh
+from .topology import add_midside_nodes, boundary_facets, cell_facets
+
+AXES = "xyz"
+# name of a side -> (axis, end), end 0 the lower and -1 the upper limit of the axis
+SIDES = {
+    2: {"left": (0, 0), "right": (0, -1), "bottom": (1, 0), "top": (1, -1)},
+    3: {"left": (0, 0), "right": (0, -1), "front": (1, 0), "back": (1, -1), "bottom": (2, 0), "top": (2, -1)},
+}
+DEFAULT_REGION = "body"
+
+
+def rectangle(x, y, order=1, diagonal="right", patches=(), regions=()):
+    """Return a mesh of triangles, T3 or T6, on a graded grid.
+
+    x, y : points (breakpoints [m]), cells (number per segment), ratios (last to first cell of each segment, or None).
+    diagonal : "right" (lower left to upper right), "left" or "alternating".  Sides: left, right, bottom, top.
+    patches : name, side, x, y (intervals or None) carved out of a side; regions : name, x, y.
+    Raises InputError for limits off the mesh lines and for overlaps.
+    """
+    lines = [grid_lines(axis) for axis in (x, y)]
+    return _tagged(lines, _triangles(lines, diagonal), order, patches, regions)
+
+
+def box(x, y, z, order=1, patches=(), regions=()):
+    """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision); arguments as in `rectangle`.
+
+    Sides: left, right (x), front, back (y), bottom, top (z).  Raises InputError as `rectangle` does.
+    """
+    lines = [grid_lines(axis) for axis in (x, y, z)]
+    return _tagged(lines, _tetrahedra(lines), order, patches, regions)
+
+
+def grid_lines(axis):
+    """Return the mesh lines of an axis [m], geometric in each segment: h_i = h_0 r^(i / (n - 1)), r = h_(n-1) / h_0."""
+    ratios = axis.ratios or [1.0] * len(axis.cells)
+    segments = zip(axis.points[:-1], axis.points[1:], axis.cells, ratios, strict=True)
+    return np.concatenate([[axis.points[0]]] + [_segment(*segment) for segment in segments])
+
+
+def _segment(start, end, n, ratio):
+    sizes = ratio ** (np.arange(n) / max(n - 1, 1))
+    lines = start + (end - start) * np.cumsum(sizes) / sizes.sum()
+    lines[-1] = end
+    return lines
+
+
+def _corners(lines):
+    """Return the nodes at the corners of the grid cells: dict (i, j[, k]) in {0, 1}^d -> (cells,), x running fastest."""
+    shape = [len(line) for line in lines[::-1]]
+    nodes = np.arange(np.prod(shape)).reshape(shape)
+    window = {0: slice(None, -1), 1: slice(1, None)}
+    return {c: nodes[tuple(window[i] for i in c[::-1])].ravel() for c in product((0, 1), repeat=len(lines))}
+
+
+def _triangles(lines, diagonal):
+    corner = _corners(lines)
+    a, b, c, d = (corner[key] for key in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    right = np.stack([a, b, c, a, c, d], axis=1)
+    left = np.stack([a, b, d, b, c, d], axis=1)
+    j, i = np.divmod(np.arange(len(a)), len(lines[0]) - 1)
+    to_the_left = {"right": np.zeros_like(i), "left": np.ones_like(i), "alternating": (i + j) % 2}[diagonal]
+    return np.where(to_the_left[:, None] == 1, left, right).reshape(-1, 3)
+
+
+def _tetrahedra(lines):
+    corner = _corners(lines)
+    unit = np.eye(3, dtype=int)
+    tetrahedra = []
+    for path in permutations(range(3)):
+        vertices = np.vstack([np.zeros(3, dtype=int), np.cumsum(unit[list(path)], axis=0)])
+        if np.linalg.det(unit[list(path)]) < 0:
+            vertices = vertices[[0, 2, 1, 3]]
+        tetrahedra.append(np.stack([corner[tuple(v)] for v in vertices.tolist()], axis=1))
+    return np.stack(tetrahedra, axis=1).reshape(-1, 4)
+
+
+def _tagged(lines, cells, order, patches, regions):
+    dim = len(lines)
+    points = np.stack([grid.ravel() for grid in np.meshgrid(*lines[::-1], indexing="ij")[::-1]], axis=1)
+    names, cell_region = _cell_regions(points[cells].mean(axis=1), lines, regions)
+    linear = ELEMENTS["T3" if dim == 2 else "T4"]
+    cell, local = boundary_facets(cells, linear)
+    tag_of = _facet_tags(points[cell_facets(cells, linear)[cell, local]], lines, patches)
+    element = linear
+    if order == 2:
+        element = ELEMENTS["T6" if dim == 2 else "T10"]
+        points, cells = add_midside_nodes(points, cells, element.edges)
+    nodes = cell_facets(cells, element)[cell, local]
+    facets = {tag: nodes[chosen] for tag, chosen in tag_of.items() if chosen.any()}
+    return Mesh(points, cells, element, names, cell_region, facets)
+
+
+def _cell_regions(centres, lines, regions):
+    """Return the names of the regions that have cells and the index of each cell's region."""
+    names, index = [DEFAULT_REGION], np.zeros(len(centres), dtype=np.int64)
+    taken = np.zeros(len(centres), dtype=bool)
+    for region in regions:
+        where = f"mesh.regions '{region.name}'"
+        inside = _inside(centres, lines, region, range(len(lines)), where)
+        _refuse_overlap(inside, taken, centres, where, "cells of another region")
+        if region.name not in names:
+            names.append(region.name)
+        index[inside] = names.index(region.name)
+    used, index = np.unique(index, return_inverse=True)
+    return tuple(names[i] for i in used), index
+
+
+def _facet_tags(vertices, lines, patches):
+    """Return for every tag which boundary facets, of the vertices (F, d, d), carry it."""
+    centres, dim = vertices.mean(axis=1), len(lines)
+    sides = {side: np.all(vertices[:, :, axis] == lines[axis][end], axis=1) for side, (axis, end) in SIDES[dim].items()}
+    tags, taken = {}, np.zeros(len(centres), dtype=bool)
+    for patch in patches:
+        where = f"mesh.patches '{patch.name}'"
+        _check_patch(patch, dim, where)
+        tangential = [axis for axis in range(dim) if axis != SIDES[dim][patch.side][0]]
+        inside = sides[patch.side] & _inside(centres, lines, patch, tangential, where)
+        _refuse_overlap(inside, taken, centres, where, "facets of another patch")
+        tags[patch.name] = tags.get(patch.name, False) | inside
+    return {**{side: chosen & ~taken for side, chosen in sides.items()}, **tags}
+
+
+def _check_patch(patch, dim, where):
+    if patch.side not in SIDES[dim]:
+        raise InputError(f"{where}: unknown side '{patch.side}'; choose from {', '.join(SIDES[dim])}")
+    if patch.name in SIDES[dim]:
+        raise InputError(f"{where}: this is the name of a side; choose another name for the patch")
+    normal = AXES[SIDES[dim][patch.side][0]]
+    if getattr(patch, normal, None) is not None:
+        raise InputError(f"{where}: an interval of {normal} has no meaning on the side '{patch.side}'; remove it")
+
+
+def _inside(centres, lines, part, axes, where):
+    """Return which centres, (n, d), lie in the intervals of the part along the axes; at least one must."""
+    inside = np.ones(len(centres), dtype=bool)
+    for axis in axes:
+        interval = getattr(part, AXES[axis], None)
+        if interval is not None:
+            place = f"{where}, {AXES[axis]}"
+            low, high = (_on_line(limit, lines[axis], place) for limit in interval)
+            if low >= high:
+                raise InputError(f"{place}: the interval [{interval[0]:g}, {interval[1]:g}] m is empty; give [from, to]")
+            inside &= (centres[:, axis] > low) & (centres[:, axis] < high)
+    return inside
+
+
+def _on_line(limit, lines, where):
+    nearest = lines[np.argmin(np.abs(lines - limit))]
+    if abs(nearest - limit) > 1e-9 * (lines[-1] - lines[0]):
+        advice = f"the nearest is {nearest:.6g} m; make it a breakpoint of the axis"
+        raise InputError(f"{where}: {limit:g} m is not on a mesh line, {advice}")
+    return nearest
+
+
+def _refuse_overlap(inside, taken, centres, where, what):
+    """Raise InputError where a part was taken before, else mark it."""
+    twice = np.flatnonzero(inside & taken)
+    if len(twice):
+        place = ", ".join(f"{c:g}" for c in centres[twice[0]])
+        raise InputError(f"{where}: contains {len(twice)} {what}, the first at ({place}) m; let the intervals not overlap")
+    taken |= inside

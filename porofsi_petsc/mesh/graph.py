@@ -1,0 +1,17 @@
+"""The graph of a mesh: which nodes share a cell."""
+
+import numpy as np
+
+
+def node_graph(cells, n_nodes):
+    """Return the adjacency of the nodes in CSR form without the diagonal: indptr (N + 1,), indices sorted in each row."""
+    low, high = np.triu_indices(cells.shape[1], k=1)
+    pairs = np.unique(np.concatenate([_unique_pairs(cells[:, a], cells[:, b], n_nodes) for a, b in zip(low, high, strict=True)]))
+    i, j = np.divmod(pairs, n_nodes)
+    keys = np.sort(np.concatenate([pairs, j * n_nodes + i]))
+    rows, indices = np.divmod(keys, n_nodes)
+    return np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n_nodes))]), indices
+
+
+def _unique_pairs(a, b, n_nodes):
+    return np.unique(np.minimum(a, b) * n_nodes + np.maximum(a, b))

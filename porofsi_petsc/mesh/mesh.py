@@ -1,0 +1,41 @@
+"""The serial mesh: points, cells, regions and tagged facets in the natural numbering."""
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..elements import Element
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A simplex mesh with one region per cell and named facet groups.
+
+    points : (N, d) coordinates [m].  cells : (E, A) nodes, positively oriented, VTK node order.
+    cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the (first) adjacent cell.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    element: Element
+    regions: tuple
+    cell_region: np.ndarray
+    facets: dict
+
+    @property
+    def dim(self):
+        """Return the space dimension."""
+        return self.element.dim
+
+    @cached_property
+    def hash(self):
+        """Return 16 hexadecimal digits of the SHA-256 over points, cells and tagged facets."""
+        digest = hashlib.sha256(self.element.name.encode())
+        for array in (self.points, self.cells, self.cell_region):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        for tag in sorted(self.facets):
+            digest.update(tag.encode())
+            digest.update(np.ascontiguousarray(self.facets[tag]).tobytes())
+        return digest.hexdigest()[:16]

@@ -1,0 +1,65 @@
+"""Edges and facets of simplex cells: mid-edge nodes, the boundary, and the cell behind a facet."""
+
+import numpy as np
+
+
+def group_rows(rows):
+    """Return the group number of every row, (R,), rows with the same set of integers sharing one.
+
+    rows : (R, k).  The groups are numbered in lexicographic order of their sorted rows.
+    """
+    keys = np.sort(rows, axis=1)
+    order = np.lexsort(keys.T[::-1])
+    keys = keys[order]
+    new = np.any(keys[1:] != keys[:-1], axis=1)
+    group = np.empty(len(rows), dtype=np.int64)
+    group[order] = np.concatenate([[0], np.cumsum(new)])[: len(rows)]
+    return group
+
+
+def add_midside_nodes(points, cells, edges):
+    """Return the points and cells of order 2 made from those of order 1, mid-edge nodes numbered after the vertices.
+
+    points : (N, d) -> (N + M, d).  cells : (E, d + 1) -> (E, d + 1 + number of edges).
+    """
+    ends = cells[:, np.array(edges)].reshape(-1, 2)
+    group = group_rows(ends)
+    first = np.unique(group, return_index=True)[1]
+    middle = points[ends[first]].mean(axis=1)
+    return np.vstack([points, middle]), np.hstack([cells, len(points) + group.reshape(len(cells), -1)])
+
+
+def cell_facets(cells, element):
+    """Return the nodes of every facet of every cell, (E, number of facets, Af), outward orientation."""
+    return cells[:, np.array(element.facets)]
+
+
+def facet_multiplicity(cells, element):
+    """Return by how many cells each facet is shared, (E, number of facets)."""
+    vertices = cell_facets(cells, element)[:, :, : element.dim]
+    group = group_rows(vertices.reshape(-1, element.dim))
+    return np.bincount(group)[group].reshape(vertices.shape[:2])
+
+
+def boundary_facets(cells, element):
+    """Return cell and local number, (F,) each, of the facets that belong to one cell only."""
+    return np.nonzero(facet_multiplicity(cells, element) == 1)
+
+
+def locate_facets(facets, cells, element):
+    """Return cell and local number, (F,) each, of the given facets; the lower cell of an interior one, -1 where there is none.
+
+    facets : (F, >= dim) node numbers, the vertices first and in any order.
+    """
+    queries = facets[:, : element.dim]
+    vertices = cell_facets(cells, element)[:, :, : element.dim]
+    wanted = np.zeros(cells.max(initial=queries.max(initial=-1)) + 1, dtype=bool)
+    wanted[queries] = True
+    cell, local = np.nonzero(wanted[vertices].all(axis=2))
+    group = group_rows(np.vstack([vertices[cell, local], queries]))
+    group_first = np.unique(group, return_index=True)[1]
+    first = group_first[group[len(cell) :]]
+    found = first < len(cell)
+    answer = np.full((2, len(queries)), -1, dtype=np.int64)
+    answer[:, found] = cell[first[found]], local[first[found]]
+    return answer[0], answer[1]
