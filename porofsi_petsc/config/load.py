@@ -1,5 +1,7 @@
 """Load a scene: command line over [smoke] over the file over the defaults; write it back complete."""
 
+from pathlib import Path
+
 import tomli_w
 from pydantic import ValidationError
 
@@ -26,9 +28,15 @@ def load_scene(path, overrides=(), smoke=False):
     try:
         scene = Scene.model_validate(tables, context={"folder": path.resolve().parent})
     except ValidationError as error:
-        raise InputError(sentences(path, error, tables)) from None
+        raise InputError(sentences(_short(path), error, tables)) from None
     scene._source_path = path.resolve()
     return scene
+
+
+def _short(path):
+    """Return the path as seen from the working directory where it lies below it."""
+    path = path.resolve()
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
 def _smoke_changes(path, tables):

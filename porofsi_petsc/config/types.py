@@ -84,7 +84,7 @@ def list_of(kind, shortest=0, longest=None):
     def check_length(entries):
         if len(entries) < shortest or (longest and len(entries) > longest):
             expected = f"{shortest} to {longest}" if longest else f"at least {shortest}"
-            raise wrong(f"received a list of {len(entries)} entries, expected {expected}")
+            raise wrong(f"received a list of length {len(entries)}, expected {expected}")
         return entries
 
     return Annotated[tuple[kind, ...], BeforeValidator(_listed), AfterValidator(check_length)]

@@ -1,0 +1,179 @@
+"""Command line: start of MPI and PETSc, exit codes, and the end of the whole job when one rank fails.
+
+Nothing heavy is imported before a command needs it, so that --help answers at once.
+"""
+
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import click
+
+from . import __version__
+from .errors import InputError, PorofsiError
+
+AGREEMENT_TIME = 5.0  # [s] that a failing rank waits for the others to fail in the same way before it ends the job
+
+
+class Job:
+    """The ranks of this run and their common end.
+
+    A private duplicate of the world communicator, so that its barrier never meets another message.
+    """
+
+    def __init__(self):
+        from mpi4py import MPI
+
+        self.comm = MPI.COMM_WORLD.Dup()
+        if self.comm.size > 1:
+            sys.excepthook = self.abort
+
+    def abort(self, kind, error, trace):
+        """Print the traceback of this rank and end the job on all ranks; an excepthook."""
+        lines = "".join(traceback.format_exception(kind, error, trace))
+        click.echo(f"rank {self.comm.rank} of {self.comm.size} failed:\n{lines}", err=True)
+        self.comm.Abort(1)
+
+    def everyone_fails(self):
+        """Tell whether all ranks arrive here within the agreement time."""
+        request = self.comm.Ibarrier()
+        deadline = time.monotonic() + AGREEMENT_TIME
+        while not (arrived := request.Test()) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return arrived
+
+    def agree(self, action):
+        """Return the action's value; raise the first rank's InputError on all ranks when it fails on any."""
+        value, message = None, None
+        try:
+            value = action()
+        except InputError as error:
+            message = str(error)
+        messages = [text for text in self.comm.allgather(message) if text]
+        if messages:
+            raise InputError(messages[0])
+        return value
+
+    def fail(self, error):
+        """End with the error's exit code; rank 0 speaks for all, a rank alone speaks for itself and ends the job."""
+        together = self.comm.size == 1 or self.everyone_fails()
+        if self.comm.rank == 0 or not together:
+            click.echo(f"error: {error}", err=True)
+        if not together:
+            self.comm.Abort(error.exit_code)
+        sys.exit(error.exit_code)
+
+
+class Commands(click.Group):
+    """A group whose commands end with the exit code of the PorofsiError they raise."""
+
+    def invoke(self, ctx):
+        """Run the chosen command."""
+        try:
+            return super().invoke(ctx)
+        except PorofsiError as error:
+            if ctx.obj is not None:
+                ctx.obj.fail(error)
+            click.echo(f"error: {error}", err=True)
+            sys.exit(error.exit_code)
+
+
+def _join(context):
+    """Start MPI and make the job known to the group."""
+    context.find_root().obj = job = Job()
+    return job
+
+
+overrides = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one entry, e.g. time.end=0.1.")
+smoke = click.option("--smoke", is_flag=True, help="Apply the scene's [smoke] changes: a short run.")
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="porofsi")
+def cli():
+    """Saturated poroelastic dynamics by finite elements; run it under mpirun for more than one core."""
+
+
+@cli.command()
+@click.argument("scene")
+@click.argument("petsc_options", nargs=-1, type=click.UNPROCESSED, metavar="[-- PETSC OPTIONS]")
+@click.option("--output", type=click.Path(path_type=Path), metavar="DIR", help="Results, default results/SCENE.")
+@overrides
+@click.option("--restart", type=click.Path(path_type=Path), metavar="FILE", help="Go on from a checkpoint.")
+@smoke
+@click.option("--force", is_flag=True, help="Replace existing results.")
+@click.option("--quiet", is_flag=True, help="No progress.")
+@click.option("--max-time", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="Write a checkpoint and stop.")
+@click.pass_context
+def run(context, scene, petsc_options, output, overrides, restart, smoke, force, quiet, max_time):
+    """Solve SCENE (a file, or a name that `porofsi list` shows)."""
+    from . import load_scene
+    from . import run as run_scene
+
+    if petsc_options and not petsc_options[0].startswith("-"):
+        raise click.UsageError(f"unexpected argument '{petsc_options[0]}'; PETSc options follow after --")
+    job = _join(context)
+    loaded = job.agree(lambda: load_scene(scene, overrides, smoke))
+    choices = {"restart": restart, "force": force, "quiet": quiet, "max_time": max_time, "petsc_options": petsc_options}
+    run_scene(loaded, output, **choices)
+
+
+@cli.command()
+@click.argument("scene")
+@overrides
+@smoke
+@click.pass_context
+def check(context, scene, overrides, smoke):
+    """Validate SCENE and its mesh, and say what would be solved."""
+    from . import load_scene
+
+    job = _join(context)
+    loaded = job.agree(lambda: load_scene(scene, overrides, smoke))
+    from .linalg.options import start
+
+    start(loaded.petsc.options, [])
+    from .simulation import check as check_scene
+
+    text = check_scene(loaded)
+    if job.comm.rank == 0:
+        click.echo(text)
+
+
+@cli.command(name="list")
+def list_command():
+    """Show the shipped scenes."""
+    from . import list_scenes
+
+    scenes = list_scenes()
+    width = max((len(name) for name, _, _ in scenes), default=0)
+    for name, title, _ in scenes:
+        click.echo(f"{name:<{width}}  {title}")
+
+
+@cli.command()
+@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
+def plot(directory):
+    """Draw the figures of the results in DIR again."""
+    from .output.figures import make_figures
+
+    for path in make_figures(directory):
+        click.echo(path)
+
+
+@cli.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def info(file):
+    """Describe a checkpoint, a summary, a mesh or a result directory."""
+    from .output.info import describe
+
+    click.echo(describe(file))
+
+
+def main():
+    """Enter from the console script."""
+    cli(prog_name="porofsi")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,35 @@
+"""Logging: rank 0 writes plain lines to the terminal and to run.log, the other ranks are silent."""
+
+import logging
+import sys
+from pathlib import Path
+
+logger = logging.getLogger("porofsi_petsc")
+
+
+def start_log(directory, rank, quiet=False):
+    """Send INFO to standard output (with quiet only warnings) and, with times, to `directory`/run.log, which is appended to.
+
+    directory : existing folder, or None for the terminal alone; rank : rank in the run's communicator.
+    A second call replaces the first.
+    """
+    stop_log()
+    logger.propagate = False
+    logger.setLevel(logging.INFO)
+    if rank != 0:
+        logger.addHandler(logging.NullHandler())
+        return
+    terminal = logging.StreamHandler(sys.stdout)
+    terminal.setLevel(logging.WARNING if quiet else logging.INFO)
+    logger.addHandler(terminal)
+    if directory is not None:
+        file = logging.FileHandler(Path(directory) / "run.log", encoding="utf-8")
+        file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        logger.addHandler(file)
+
+
+def stop_log():
+    """Close the handlers of `start_log`."""
+    for handler in list(logger.handlers):
+        logger.removeHandler(handler)
+        handler.close()
