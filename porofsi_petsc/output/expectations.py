@@ -1,0 +1,61 @@
+"""Comparison of the history with the values a scene expects."""
+
+import numpy as np
+
+STATISTICS = {
+    "max": np.max,
+    "min": np.min,
+    "abs_max": lambda values: np.max(np.abs(values)),
+    "final": lambda values: values[-1],
+}
+ROUNDING = 1e-9  # relative: a last time that misses the asked one by rounding is not a history that is too short
+
+
+def evaluate(expectations, history):
+    """Return one record per expectation: quantity, at, statistic, value, reference, error, tolerance, passed, reason, source.
+
+    expectations : objects with quantity, at [s] or statistic, value, tolerance, scale (None: |value|), source.
+    history : dict column -> (rows,), as read_history gives.  The error is |computed - expected| / scale; a time that the
+    history does not cover is skipped: passed None and a reason.
+    """
+    return [_record(expectation, history) for expectation in expectations]
+
+
+def failed(records):
+    """Return the records that missed their value."""
+    return [record for record in records if record["passed"] is False]
+
+
+def _record(expectation, history):
+    value, reason = _computed(expectation, history)
+    error = None if value is None else _relative(abs(value - expectation.value), expectation.scale or abs(expectation.value))
+    return {
+        "quantity": expectation.quantity,
+        "at": expectation.at,
+        "statistic": expectation.statistic,
+        "value": value,
+        "reference": expectation.value,
+        "error": error,
+        "tolerance": expectation.tolerance,
+        "passed": None if value is None else bool(error <= expectation.tolerance),
+        "reason": reason,
+        "source": expectation.source,
+    }
+
+
+def _relative(difference, scale):
+    if scale == 0:
+        return 0.0 if difference == 0 else float("inf")
+    return float(difference / scale)
+
+
+def _computed(expectation, history):
+    t, values = history["t"], history[expectation.quantity]
+    if len(t) == 0:
+        return None, "the history is empty"
+    if expectation.at is None:
+        return float(STATISTICS[expectation.statistic](values)), None
+    slack = ROUNDING * max(abs(t[0]), abs(t[-1]))
+    if not t[0] - slack <= expectation.at <= t[-1] + slack:
+        return None, f"the history covers {t[0]:g} s to {t[-1]:g} s"
+    return float(np.interp(expectation.at, t, values)), None

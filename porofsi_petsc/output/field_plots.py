@@ -1,0 +1,136 @@
+"""Pictures of a field on the deformed domain at several times, with one colour scale."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .hdf5 import read_slab
+from .units import scaled_unit, significant
+
+DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the domain
+LARGEST_ASPECT = 6.0  # a domain more slender than this is drawn with unequal scales
+WIDTH = 7.2  # [inch], the text width of a journal page
+MESH_LINES_UP_TO = 6000  # triangles; beyond, the lines would cover the colours
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The shared colour scale: unit, factor from SI to it, limits in the unit, colour map."""
+
+    unit: str
+    factor: float
+    low: float
+    high: float
+    colours: str
+
+
+def deformation_scale(snapshots, surface):
+    """Return the factor, rounded to one digit, that draws the largest displacement as 5 % of the domain."""
+    largest = max(np.linalg.norm(displacement(s, surface)[surface.nodes], axis=1).max() for s in snapshots)
+    return significant(DRAWN_SHARE * surface.size / largest) if largest > 0 else 1.0
+
+
+def displacement(snapshot, surface):
+    """Return u, (N, d) [m], of a snapshot; zero where it was not written."""
+    if "displacement" not in snapshot.shapes:
+        return np.zeros_like(surface.points)
+    return read_slab(snapshot.path, "displacement")[:, : surface.dim]
+
+
+def colour_scale(values, unit):
+    """Return the Scale of fields (list of (N,) in SI): symmetric about zero when both signs matter."""
+    low, high = min(v.min() for v in values), max(v.max() for v in values)
+    factor, name = scaled_unit(max(abs(low), abs(high)), unit)
+    low, high = low * factor, high * factor
+    if low < -0.1 * high and high > -0.1 * low:
+        bound = max(-low, high)
+        return Scale(name, factor, -bound, bound, "RdBu_r")
+    low, high = (min(low, 0.0), high) if high > 0 else (low, max(high, 0.0))
+    return Scale(name, factor, low, high if high > low else low + 1.0, "viridis" if high > 0 else "viridis_r")
+
+
+def draw_field(figure, snapshots, values, surface, label, magnification):
+    """Draw the field at the snapshots in one panel each.
+
+    figure : empty matplotlib Figure.  values : list of (N,) in SI.  label : (text, SI unit).
+    """
+    scale = colour_scale([v[surface.nodes] for v in values], label[1])
+    rows, columns, equal = _arrange(figure, len(snapshots), surface)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for ax, snapshot, value in zip(axes.flat, snapshots, values, strict=False):
+        deformed = surface.points + magnification * displacement(snapshot, surface)
+        artist = _draw_panel(ax, surface, deformed, value * scale.factor, scale)
+        ax.set_title(f"$t$ = {snapshot.time:.4g} s")
+        ax.set_aspect("equal" if equal else "auto")
+    for ax in axes.flat[len(snapshots) :]:
+        ax.set_visible(False)
+    _label_axes(axes, surface, len(snapshots))
+    figure.colorbar(artist, ax=axes, label=f"{label[0]} [{scale.unit}]", aspect=30, pad=0.02)
+    figure.suptitle(_caption(magnification, equal), fontsize=8)
+
+
+def _caption(magnification, equal):
+    text = f"displacements drawn {magnification:,.6g} times their size; outline: undeformed"
+    return text if equal else text + "; axes not to the same scale"
+
+
+def _arrange(figure, n, surface):
+    """Set the size of the figure; return rows, columns and whether both axes have the same scale."""
+    seen = surface.project(surface.points[surface.nodes])[0]
+    width, height = np.ptp(seen, axis=0)
+    aspect = height / width
+    equal = 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
+    if not equal:
+        aspect = np.clip(aspect, 0.3, 2.0)
+    columns = 1 if n == 1 or aspect < 0.2 else n if aspect > 1.5 and n <= 4 else 2 if n <= 4 else 3
+    rows = -(-n // columns)
+    panel = (WIDTH - 1.3) / columns
+    figure.set_size_inches(WIDTH, min(rows * (panel * aspect + 0.35) + 0.75, 9.5))
+    return rows, columns, equal
+
+
+def _draw_panel(ax, surface, deformed, values, scale):
+    from matplotlib.collections import LineCollection
+
+    outline = surface.project(surface.points)[0][surface.outline]
+    ax.add_collection(LineCollection(outline, colors="0.35", linewidths=0.7, zorder=3 if surface.dim == 2 else 0))
+    draw = _draw_plane if surface.dim == 2 else _draw_solid
+    artist = draw(ax, surface, deformed, values, {"cmap": scale.colours, "clim": (scale.low, scale.high)})
+    ax.autoscale_view()
+    return artist
+
+
+def _draw_plane(ax, surface, deformed, values, colours):
+    x, y = deformed.T
+    if len(surface.triangles) <= MESH_LINES_UP_TO:
+        ax.triplot(x, y, surface.triangles, color="k", linewidth=0.15, alpha=0.35, zorder=2)
+    return ax.tripcolor(x, y, surface.triangles, values, shading="gouraud", rasterized=True, **colours)
+
+
+def _draw_solid(ax, surface, deformed, values, colours):
+    """Paint the triangles of the surface from the farthest to the nearest."""
+    from matplotlib.collections import PolyCollection
+
+    seen, depth = surface.project(deformed)
+    order = np.argsort(depth[surface.triangles].mean(axis=1))
+    triangles = surface.triangles[order]
+    lines = {"edgecolors": (0, 0, 0, 0.25), "linewidths": 0.15}
+    if len(triangles) > MESH_LINES_UP_TO:
+        lines = {"edgecolors": "face", "linewidths": 0.2}
+    faces = PolyCollection(seen[triangles], array=values[triangles].mean(axis=1), rasterized=True, zorder=1, **lines, **colours)
+    ax.add_collection(faces)
+    return faces
+
+
+def _label_axes(axes, surface, n):
+    if surface.dim == 3:
+        for ax in axes.flat:
+            ax.set_axis_off()
+        return
+    for index, ax in enumerate(axes.flat[:n]):
+        last_of_column = index + axes.shape[1] >= n
+        ax.tick_params(labelbottom=last_of_column)
+        if last_of_column:
+            ax.set_xlabel("$x$ [m]")
+        if index % axes.shape[1] == 0:
+            ax.set_ylabel("$y$ [m]")

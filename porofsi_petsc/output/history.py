@@ -1,0 +1,99 @@
+"""history.csv: one row per accepted step, complete up to the last line at any moment."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from .files import on_root, write_text
+
+NAME = "history.csv"
+
+
+class History:
+    """The growing file; every method is collective, rank 0 writes."""
+
+    def __init__(self, directory, columns, comm):
+        """Start an empty history with the header t, columns, coupling_iterations."""
+        self.comm, self.columns = comm, list(columns)
+        self.path = Path(directory) / NAME
+        on_root(comm, write_text, self.path, _header(self.columns))
+        self._open()
+
+    @classmethod
+    def resume(cls, directory, columns, comm, time):
+        """Continue the history of a directory: rows later than the time [s] and a torn last line are cut atomically.
+
+        Without a history.csv in the directory an empty one is started.  Raises InputError when its columns are others.
+        """
+        path = Path(directory) / NAME
+        if not on_root(comm, path.exists):
+            return cls(directory, columns, comm)
+        history = object.__new__(cls)
+        history.comm, history.columns, history.path = comm, list(columns), path
+        on_root(comm, _cut, path, history.columns, time)
+        history._open()
+        return history
+
+    def append(self, time, values, coupling_iterations):
+        """Add a row: time [s], one value per column, number of coupling iterations; flushed at once."""
+        on_root(self.comm, self._write_row, time, values, coupling_iterations)
+
+    def close(self):
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def _open(self):
+        self._file = None
+        on_root(self.comm, self._open_on_root)
+
+    def _open_on_root(self):
+        self._file = open(self.path, "a", encoding="utf-8", newline="")
+
+    def _write_row(self, time, values, coupling_iterations):
+        numbers = [f"{float(value):.17g}" for value in (time, *values)]
+        if len(numbers) != len(self.columns) + 1:
+            raise ValueError(f"received {len(numbers) - 1} values, expected {len(self.columns)}")
+        self._file.write(",".join([*numbers, str(int(coupling_iterations))]) + "\n")
+        self._file.flush()
+
+
+def _header(columns):
+    return ",".join(["t", *columns, "coupling_iterations"]) + "\n"
+
+
+def _complete_lines(path):
+    """Return the lines that end with a line break: a torn last line is not among them."""
+    return Path(path).read_text(encoding="utf-8").split("\n")[:-1]
+
+
+def _cut(path, columns, time):
+    header, *rows = _complete_lines(path) or [""]
+    expected = _header(columns).strip()
+    if header != expected:
+        raise InputError(
+            f"{path}: received the columns '{header}', expected '{expected}' of the scene; "
+            "restart with the probes of the first run, or write to another directory with --output"
+        )
+    kept = [row for row in rows if float(row.split(",", 1)[0]) <= time]
+    write_text(path, "\n".join([header, *kept]) + "\n")
+
+
+def read_history(path):
+    """Return dict column -> (rows,) float array of a history.csv; a torn last line is left out.
+
+    Raises InputError when there is no such file or it is not a history.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected the history.csv of a run; give the result directory of a run")
+    header, *rows = _complete_lines(path) or [""]
+    names = header.split(",")
+    try:
+        values = np.array([row.split(",") for row in rows], dtype=float).reshape(-1, len(names))
+    except ValueError:
+        values = None
+    if names[0] != "t" or values is None:
+        raise InputError(f"{path}: not a history: expected a header t,… and rows of as many numbers; run the scene again")
+    return dict(zip(names, values.T, strict=True))

@@ -1,0 +1,102 @@
+"""Values at reference points: where each lies is found once, the values are shape functions times nodal values."""
+
+import numpy as np
+from mpi4py import MPI
+
+from ..errors import InputError
+
+TOLERANCE = 1e-8  # of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
+NEWTON_STEPS = 20
+NOWHERE = np.iinfo(np.int64).max
+
+
+class Probes:
+    """Points fixed to the reference configuration.
+
+    When several elements hold a point the one of the smallest natural number is taken, so that the values do not
+    depend on the number of ranks.
+    """
+
+    def __init__(self, mesh, points):
+        """Locate the points; collective.
+
+        points : list of (name, coordinates (d,) [m]).  Raises InputError for a point outside of the mesh.
+        """
+        self.comm = mesh.comm
+        self.names = [name for name, _ in points]
+        found = [_locate(mesh, np.asarray(point, dtype=float)) for _, point in points]
+        natural = np.array([cell for cell, _, _ in found], dtype=np.int64)
+        winner = np.empty_like(natural)
+        self.comm.Allreduce(natural, winner, op=MPI.MIN)
+        _refuse_outside(mesh, points, winner)
+        self._rows = np.flatnonzero(natural == winner)
+        self._nodes = np.array([found[i][1] for i in self._rows], dtype=int).reshape(-1, mesh.element.nodes)
+        self._shape = np.array([found[i][2] for i in self._rows]).reshape(-1, mesh.element.nodes)
+
+    def evaluate(self, array):
+        """Return the values at the points, (n_probes, k), on every rank; collective.
+
+        array : (n_local, k) nodal values with current ghosts.
+        """
+        array = np.asarray(array)
+        mine = np.zeros((len(self.names), array.shape[1]))
+        mine[self._rows] = np.einsum("pa,pak->pk", self._shape, array[self._nodes])
+        values = np.empty_like(mine)
+        self.comm.Allreduce(mine, values)
+        return values
+
+
+def _locate(mesh, point):
+    """Return natural cell number, nodes (A,) and N (A,) of the owned cell that holds the point (NOWHERE when none does)."""
+    cells = np.flatnonzero(mesh.cell_owned)
+    cells = cells[_near(mesh.X[mesh.cells[cells]], point)]
+    xi = _reference_coordinates(mesh.element, mesh.X[mesh.cells[cells]], point)
+    inside = (xi.min(axis=1, initial=np.inf) >= -TOLERANCE) & (xi.sum(axis=1) <= 1 + TOLERANCE)
+    cells, xi = cells[inside], xi[inside]
+    if len(cells) == 0:
+        return NOWHERE, None, None
+    first = np.argmin(mesh.cell_natural[cells])
+    return mesh.cell_natural[cells[first]], mesh.cells[cells[first]], mesh.element.shape(xi[[first]])[0]
+
+
+def _near(X, point):
+    """Mark the elements, X (E, A, d), whose box, widened by half its size for curved sides, holds the point."""
+    low, high = X.min(axis=1), X.max(axis=1)
+    margin = 0.5 * (high - low).max(axis=1, keepdims=True)
+    return np.all((point >= low - margin) & (point <= high + margin), axis=1)
+
+
+def _reference_coordinates(element, X, point):
+    """Return xi (E, d) with sum_a N_a(xi) X_a = point: one Newton step for order 1, to convergence for order 2.
+
+    A Newton iteration that diverges ends in coordinates outside of the element or in NaN, which is outside too.
+    """
+    xi = np.full((len(X), element.dim), 1.0 / (element.dim + 1))
+    with np.errstate(all="ignore"):
+        for _ in range(1 if element.order == 1 else NEWTON_STEPS):
+            residual = point - np.einsum("ea,eai->ei", element.shape(xi), X)
+            J = np.einsum("eai,eaj->eij", X, element.gradient(xi))
+            xi = xi + _solve(J, residual)
+            if np.abs(residual).max(initial=0.0) == 0.0:
+                break
+    return xi
+
+
+def _solve(J, residual):
+    """Return J^-1 residual for stacks of small matrices, NaN where J is singular."""
+    det = np.linalg.det(J)
+    regular = np.isfinite(det) & (det != 0)
+    step = np.full_like(residual, np.nan)
+    step[regular] = np.linalg.solve(J[regular], residual[regular][:, :, None])[:, :, 0]
+    return step
+
+
+def _refuse_outside(mesh, points, winner):
+    low, high = mesh.X.min(axis=0, initial=np.inf), mesh.X.max(axis=0, initial=-np.inf)
+    mesh.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    mesh.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    for (name, point), cell in zip(points, winner, strict=True):
+        if cell == NOWHERE:
+            box = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
+            where = ", ".join(f"{x:g}" for x in point)
+            raise InputError(f"[[probe]] '{name}': at = [{where}] lies outside of the mesh, expected a point of it ({box} m)")

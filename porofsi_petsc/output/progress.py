@@ -1,0 +1,77 @@
+"""What a person sees while the run goes on: a live line on a terminal, few plain lines elsewhere."""
+
+import sys
+import time as clock
+
+SECONDS_BETWEEN_LINES = 2.0
+SHARE_BETWEEN_LINES = 0.05
+
+
+class Progress:
+    """Shows time, step, coupling iterations and the wall time left; made on every rank, shown on rank 0."""
+
+    def __init__(self, total_time, quiet=False, is_terminal=None, start_time=0.0, rank=0, stream=None):
+        """Start the display.
+
+        total_time, start_time : last and first simulated time [s] (start_time after a restart).
+        is_terminal : None asks the stream (standard output).
+        """
+        stream = stream or sys.stdout
+        is_terminal = stream.isatty() if is_terminal is None else is_terminal
+        self.start, self.end, self.began = start_time, total_time, clock.monotonic()
+        show = _nothing if quiet or rank else _live_line if is_terminal else _plain_lines
+        self._show = show(stream)
+        next(self._show)
+
+    def update(self, step, time, iterations):
+        """Show the accepted step, its time [s] and its coupling iterations."""
+        share = (time - self.start) / (self.end - self.start) if self.end > self.start else 1.0
+        elapsed = clock.monotonic() - self.began
+        left = elapsed / share - elapsed if share > 0 else None
+        text = f"t = {time:.6g} s of {self.end:.6g} s, step {step}, {iterations} coupling iterations, {_duration(left)} left"
+        self._show.send((text, share))
+
+    def close(self):
+        """End the display and give the terminal back."""
+        self._show.close()
+
+
+def _nothing(stream):
+    while True:
+        yield
+
+
+def _plain_lines(stream):
+    """Print a line when 5 % more of the time is done and 2 s have passed since the last one, and the last line."""
+    text, shown, last = None, None, (-1.0, float("-inf"))
+    try:
+        while True:
+            text, share = yield
+            now = clock.monotonic()
+            if share >= last[0] + SHARE_BETWEEN_LINES and now >= last[1] + SECONDS_BETWEEN_LINES:
+                print(text, file=stream, flush=True)
+                shown, last = text, (share, now)
+    finally:
+        if text != shown:
+            print(text, file=stream, flush=True)
+
+
+def _live_line(stream):
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    columns = BarColumn(bar_width=20), TextColumn("{task.percentage:3.0f} %"), TextColumn("{task.description}")
+    with Bar(*columns, console=Console(file=stream, force_terminal=True)) as bar:
+        task = bar.add_task("starting", total=1.0)
+        while True:
+            text, share = yield
+            bar.update(task, completed=share, description=text)
+
+
+def _duration(seconds):
+    if seconds is None:
+        return "unknown time"
+    minutes, seconds = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {seconds:02d} s" if minutes else f"{seconds} s"

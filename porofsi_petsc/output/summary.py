@@ -1,0 +1,118 @@
+"""summary.json: what a run did, in numbers; every key is documented here and nowhere else."""
+
+from pathlib import Path
+
+from .files import to_json, write_text
+
+NAME = "summary.json"
+
+SUMMARY_KEYS = {
+    "scene": "name of the scene (file name without suffix)",
+    "title": "title of the scene",
+    "version": "version of porofsi_petsc",
+    "petsc_version": "version of PETSc",
+    "python_version": "version of Python",
+    "numpy_version": "version of NumPy",
+    "ranks": "number of MPI ranks",
+    "exit_code": "0 done, 1 internal error, 2 wrong input, 3 not converged, 4 stopped early, 5 an [[expect]] failed",
+    "dimension": "space dimension, 2 or 3",
+    "elements": "number of elements",
+    "nodes": "number of nodes",
+    "unknowns.displacement": "number of displacement unknowns",
+    "unknowns.fluid_velocity": "number of fluid velocity unknowns",
+    "unknowns.pressure": "number of pressure unknowns",
+    "unknowns.auxiliary": "number of unknowns of the auxiliary field of the coupling term, 0 without it",
+    "steps": "number of accepted time steps, those before a restart included",
+    "step_cuts": "number of times a step was repeated with a smaller step size",
+    "time_end": "last computed time [s]",
+    "wall_time.setup": "time to distribute the mesh and to build the phases [s], maximum over the ranks like all wall times",
+    "wall_time.assembly": "time in element matrices and their insertion [s]",
+    "wall_time.factorization": "time in factorizations and preconditioner set-ups [s]",
+    "wall_time.solve": "time in the linear solvers without their set-up [s]",
+    "wall_time.residual": "time in residuals [s]",
+    "wall_time.output": "time in histories, fields and checkpoints [s]",
+    "wall_time.total": "time of the whole run [s]",
+    "coupling_iterations.mean": "mean number of coupling iterations of a step",
+    "coupling_iterations.max": "largest number of coupling iterations of a step",
+    "coupling_iterations.total": "sum of the coupling iterations",
+    "linear_iterations.fluid.mean": "mean number of iterations of a linear solve of the fluid",
+    "linear_iterations.fluid.max": "largest number of iterations of a linear solve of the fluid",
+    "linear_iterations.solid.mean": "mean number of iterations of a linear solve of the solid",
+    "linear_iterations.solid.max": "largest number of iterations of a linear solve of the solid",
+    "assemblies.fluid": "number of matrices assembled for the fluid",
+    "assemblies.solid": "number of matrices assembled for the solid",
+    "factorizations.fluid": "number of factorizations or preconditioner set-ups of the fluid",
+    "factorizations.solid": "number of factorizations or preconditioner set-ups of the solid",
+    "energy.external_work": "work of the loads since the start [J, in 2-D per metre of thickness, like all energies]",
+    "energy.kinetic": "kinetic energy of both phases at the end [J]",
+    "energy.elastic": "elastic energy of the skeleton at the end [J]",
+    "energy.drag_dissipation": "dissipation of the drag between the phases since the start [J]",
+    "energy.viscous_dissipation": "viscous dissipation of the fluid since the start [J]",
+    "energy.stabilization_dissipation": "dissipation of the stabilization terms since the start [J]",
+    "energy.time_scheme_dissipation": "dissipation of the time integration since the start [J]",
+    "energy.balance_error": "external work minus change of all energies minus all dissipations [J]",
+    "energy.balance_error_relative": "balance error over the largest external work so far [-]",
+    "peak_memory_bytes.max": "largest resident memory of a rank [bytes]",
+    "peak_memory_bytes.sum": "resident memory of all ranks at their peaks [bytes]",
+    "modelled": "list of the terms that were computed",
+    "neglected": "terms left out: name -> value (size met in the run), bound (limit of the scene or null), meaning",
+    "oscillation_indicator": "largest difference of a nodal pressure and its local average over the largest pressure [-]",
+    "expectations": (
+        "one record per [[expect]]: quantity, at [s] or statistic, value (computed), reference (expected), error (relative), "
+        "tolerance, passed (null when skipped), reason (why skipped), source"
+    ),
+    "files": "files written, relative to the result directory",
+}
+
+
+def check_summary(summary):
+    """Raise KeyError when a documented key is missing or a present one is not documented."""
+    present = set(_flat_keys(summary))
+    missing, unknown = SUMMARY_KEYS.keys() - present, present - SUMMARY_KEYS.keys()
+    if missing or unknown:
+        raise KeyError(f"summary: missing {sorted(missing)}, undocumented {sorted(unknown)}")
+
+
+def write_summary(directory, summary):
+    """Replace summary.json, keys in the order of SUMMARY_KEYS, on the calling rank.  Raises KeyError as check_summary."""
+    check_summary(summary)
+    write_text(Path(directory) / NAME, to_json(_sorted(summary), indent=2) + "\n")
+
+
+def summary_documentation():
+    """Return docs/summary.md."""
+    rows = [f"| `{key}` | {text} |" for key, text in SUMMARY_KEYS.items()]
+    return "\n".join(
+        [
+            "# Keys of summary.json",
+            "",
+            "A dot separates the levels. A number that a run does not have (a phase without matrices, say) is `null`.",
+            "",
+            "| key | meaning |",
+            "|---|---|",
+            *rows,
+            "",
+        ]
+    )
+
+
+def _flat_keys(summary, prefix=""):
+    for key, value in summary.items():
+        if isinstance(value, dict) and prefix + key not in SUMMARY_KEYS:
+            yield from _flat_keys(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key
+
+
+def _sorted(summary, prefix=""):
+    order = list(SUMMARY_KEYS)
+
+    def position(key):
+        return next(i for i, name in enumerate(order) if name == prefix + key or name.startswith(f"{prefix}{key}."))
+
+    def value_of(key):
+        value = summary[key]
+        nested = isinstance(value, dict) and prefix + key not in SUMMARY_KEYS
+        return _sorted(value, f"{prefix}{key}.") if nested else value
+
+    return {key: value_of(key) for key in sorted(summary, key=position)}

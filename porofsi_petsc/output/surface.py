@@ -1,0 +1,87 @@
+"""What is drawn of a mesh: the triangles of a plane mesh, or the visible surface of a solid one, and its outline."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..elements import ELEMENTS
+from ..mesh.topology import boundary_facets, group_rows
+from .fields import FOLDER
+from .hdf5 import read_attributes, read_slab
+
+SPLIT = {3: ((0, 1, 2),), 6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))}  # by number of nodes
+SPLIT_LINE = {2: ((0, 1),), 3: ((0, 2), (2, 1))}
+AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(25.0)
+SHARP_EDGE = np.cos(np.radians(30.0))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles and outline in the numbering of the points, with their projection to the plane of the picture.
+
+    points : (N, d) [m].  triangles : (T, 3).  outline : (L, 2) edges of a plane domain, sharp edges of a solid one.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    outline: np.ndarray
+
+    @property
+    def dim(self):
+        """Return the space dimension."""
+        return self.points.shape[1]
+
+    @cached_property
+    def nodes(self):
+        """Return the numbers of the nodes on the triangles."""
+        return np.unique(self.triangles)
+
+    @property
+    def size(self):
+        """Return the largest extent of the domain [m]."""
+        return np.ptp(self.points, axis=0).max()
+
+    def project(self, points):
+        """Return picture coordinates (N, 2) [m] and depth toward the eye (N,) of points (N, d); parallel projection in 3-D."""
+        if self.dim == 2:
+            return points, np.zeros(len(points))
+        (ca, sa), (ce, se) = (np.cos(AZIMUTH), np.sin(AZIMUTH)), (np.cos(ELEVATION), np.sin(ELEVATION))
+        frame = np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+        seen = points @ frame.T
+        return seen[:, :2], seen[:, 2]
+
+
+def read_surface(directory):
+    """Return the Surface of the mesh written in a result directory."""
+    path = directory / FOLDER / "mesh.h5"
+    element = ELEMENTS[read_attributes(path)[0]["element"]]
+    points = read_slab(path, "points")[:, : element.dim]
+    return surface_of(points, read_slab(path, "cells"), element)
+
+
+def surface_of(points, cells, element):
+    """Return the Surface of a mesh; elements of order 2 are split at their mid-edge nodes."""
+    cell, local = boundary_facets(cells, element)
+    facets = cells[cell[:, None], np.array(element.facets)[local]]
+    if element.dim == 2:
+        return Surface(points, _split(cells, SPLIT), _split(facets, SPLIT_LINE))
+    triangles = _split(facets, SPLIT)
+    return Surface(points, triangles, _sharp_edges(points, triangles))
+
+
+def _split(cells, table):
+    return cells[:, np.array(table[cells.shape[1]])].reshape(-1, len(table[cells.shape[1]][0]))
+
+
+def _sharp_edges(points, triangles):
+    """Return the edges, (L, 2), whose two triangles enclose more than 30 degrees."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    group = group_rows(edges)
+    order = np.argsort(group, kind="stable")
+    pairs = order.reshape(-1, 2)  # a closed surface: every edge belongs to two triangles
+    cosine = np.einsum("ei,ei->e", normal[pairs[:, 0] // 3], normal[pairs[:, 1] // 3])
+    return edges[pairs[cosine < SHARP_EDGE, 0]]

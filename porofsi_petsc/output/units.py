@@ -1,0 +1,22 @@
+"""Numbers for people: a unit that keeps them near one, few digits."""
+
+import math
+
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+
+
+def scaled_unit(largest, unit):
+    """Return the factor from SI to a unit in which the largest magnitude lies between 1 and 1000, and its name.
+
+    Lengths and velocities have no prefix above one.
+    """
+    for size, prefix in PREFIXES:
+        if largest >= size * (1 - 1e-12) and (size <= 1 or unit in ("Pa", "J")):
+            return 1 / size, prefix + unit
+    return 1.0, unit
+
+
+def significant(value):
+    """Return the positive value rounded to one significant digit."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return round(value / power) * power

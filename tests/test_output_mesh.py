@@ -1,0 +1,280 @@
+"""Fields, checkpoints, probes, descriptions and figures of small meshes on one rank."""
+
+import json
+from types import SimpleNamespace
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from porofsi_petsc.errors import InputError
+from porofsi_petsc.fem.distribute import distribute
+from porofsi_petsc.mesh.generate import box, rectangle
+from porofsi_petsc.output import checkpoint, figures
+from porofsi_petsc.output.checkpoint import read_checkpoint, read_header, write_checkpoint
+from porofsi_petsc.output.fields import FieldWriter, read_snapshots
+from porofsi_petsc.output.figures import choose_snapshots, make_figures
+from porofsi_petsc.output.history import History
+from porofsi_petsc.output.info import describe
+from porofsi_petsc.output.probes import Probes
+from porofsi_petsc.output.surface import read_surface
+from porofsi_petsc.output.units import scaled_unit, significant
+
+COMM = MPI.COMM_SELF
+ELEMENTS = ["T3", "T6", "T4", "T10"]
+MESHIO = {"T3": "triangle", "T6": "triangle6", "T4": "tetra", "T10": "tetra10"}
+
+
+def axis(length, cells):
+    return SimpleNamespace(points=[0.0, length], cells=[cells], ratios=[1.0])
+
+
+def serial_mesh(name):
+    """Return a block 2 x 1 (x 1) of the element; order 2 with curved interior edges."""
+    order = 2 if name in ("T6", "T10") else 1
+    make, lengths = (rectangle, (2.0, 1.0)) if name in ("T3", "T6") else (box, (2.0, 1.0, 1.0))
+    mesh = make(*(axis(length, int(2 * length)) for length in lengths), order=order)
+    if order == 2:
+        bump = np.prod(np.sin(np.pi * mesh.points / lengths), axis=1)
+        middle = np.zeros(len(mesh.points), dtype=bool)
+        middle[mesh.cells[:, mesh.dim + 1 :]] = True
+        mesh.points[middle] += 0.03 * bump[middle, None]
+    return mesh
+
+
+def local_mesh(name):
+    mesh = serial_mesh(name)
+    return distribute(COMM, mesh, np.zeros(len(mesh.points), dtype=int))
+
+
+def fields_of(mesh, time):
+    X = mesh.X[: mesh.n_owned]
+    stress = np.stack([X[:, 0] * i for i in range(6)], axis=1)
+    return {"displacement": time * X**2, "pressure": (time * X[:, 0])[:, None], "stress": stress}
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_fields_open_in_meshio(name, tmp_path):
+    mesh = local_mesh(name)
+    writer = FieldWriter(tmp_path, mesh)
+    for step, time in ((0, 0.0), (10, 0.1)):
+        writer.write(step, time, fields_of(mesh, time))
+    serial = serial_mesh(name)
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
+        points, cells = reader.read_points_cells()
+        time, point_data, cell_data = reader.read_data(1)
+        assert reader.num_steps == 2
+    assert time == 0.1 and cells[0].type == MESHIO[name]
+    assert np.array_equal(cells[0].data, serial.cells) and np.array_equal(points[:, : serial.dim], serial.points)
+    assert np.array_equal(point_data["pressure"], 0.1 * serial.points[:, 0])
+    assert np.array_equal(point_data["displacement"][:, : serial.dim], 0.1 * serial.points**2)
+    assert point_data["displacement"].shape[1] == 3 and point_data["stress"].shape[1] == 6
+    assert np.array_equal(cell_data["region"][0], serial.cell_region)
+
+
+def test_fields_continue_after_a_kill(tmp_path):
+    mesh = local_mesh("T3")
+    writer = FieldWriter(tmp_path, mesh)
+    for step in (10, 20, 30):
+        writer.write(step, 0.01 * step, fields_of(mesh, step))
+    (tmp_path / "fields" / "000040.h5.tmp").write_bytes(b"torn")  # killed before the rename
+    again = FieldWriter(tmp_path, mesh)
+    assert [s.step for s in again.snapshots] == [10, 20, 30]
+    again.truncate(0.2)
+    assert [(step, time) for step, time, *_ in read_snapshots(tmp_path)] == [(10, 0.1), (20, 0.2)]
+    again.write(25, 0.25, fields_of(mesh, 25))
+    again.write(25, 0.25, fields_of(mesh, 25))
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
+        reader.read_points_cells()
+        assert [reader.read_data(k)[0] for k in range(reader.num_steps)] == [0.1, 0.2, 0.25]
+
+
+def test_fields_refuse_other_numbers_of_components(tmp_path):
+    mesh = local_mesh("T3")
+    with pytest.raises(ValueError, match="field q: received 4 components, expected 1, 2 or 6"):
+        FieldWriter(tmp_path, mesh).write(0, 0.0, {"q": np.zeros((mesh.n_owned, 4))})
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_probes_interpolate_on_curved_elements(name):
+    mesh = local_mesh(name)
+    inside, centre = np.array([1.37, 0.61, 0.23][: mesh.dim]), mesh.X[mesh.cells[3]].mean(axis=0)
+    points = [np.full(mesh.dim, 0.5), np.zeros(mesh.dim), inside, centre]
+    probes = Probes(mesh, [(f"P{i}", point) for i, point in enumerate(points)])
+    linear = np.hstack([mesh.X, mesh.X @ np.arange(1.0, mesh.dim + 1)[:, None]])  # isoparametric elements keep linear fields
+    expected = np.hstack([points, np.array(points) @ np.arange(1.0, mesh.dim + 1)[:, None]])
+    assert np.allclose(probes.evaluate(linear), expected, rtol=0, atol=1e-12)
+
+
+def test_probe_outside_of_the_mesh_is_refused():
+    with pytest.raises(InputError, match=r"\[\[probe\]\] 'A': at = \[2.5, 1\] lies outside of the mesh.*\[0, 2\] x \[0, 1\] m"):
+        Probes(local_mesh("T3"), [("B", [1.0, 1.0]), ("A", [2.5, 1.0])])
+
+
+def test_no_probes_give_no_values():
+    assert Probes(local_mesh("T3"), []).evaluate(np.zeros((15, 2))).shape == (0, 2)
+
+
+def arrays_of(mesh):
+    X = mesh.X[: mesh.n_owned]
+    return {"u": np.sqrt(X), "history": X[:, 0] / 3, "plastic": np.tile(X[:, :1, None], (1, 3, 3)), "flag": X[:, 0] > 1}
+
+
+HEADER = {"scene": 'title = "block"\n' + "# long\n" * 20000, "step": np.int64(7), "time": 0.1 + 0.2, "omega": [1 / 3]}
+
+
+def test_checkpoint_returns_every_bit(tmp_path):
+    mesh = local_mesh("T6")
+    write_checkpoint(tmp_path, mesh, HEADER, arrays_of(mesh))
+    header, arrays = read_checkpoint(tmp_path / "checkpoint.h5", mesh)
+    assert {key: header[key] for key in HEADER} == HEADER
+    assert header["mesh_hash"] == mesh.hash and header["ranks"] == 1
+    for name, array in arrays_of(mesh).items():
+        assert arrays[name].dtype == array.dtype and np.array_equal(arrays[name], array)
+    text = describe(tmp_path / "checkpoint.h5")
+    assert mesh.hash in text and "block" in text and "0.30000000000000004 s" in text and "array plastic" in text
+
+
+def test_the_last_two_checkpoints_are_kept(tmp_path):
+    mesh = local_mesh("T3")
+    for step in (1, 2, 3):
+        write_checkpoint(tmp_path, mesh, {"step": step}, arrays_of(mesh))
+    assert read_header(tmp_path / "checkpoint.h5")["step"] == 3
+    assert read_header(tmp_path / "checkpoint.previous.h5")["step"] == 2
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_kill_while_writing_leaves_the_last_checkpoint(tmp_path, monkeypatch):
+    mesh = local_mesh("T3")
+    write_checkpoint(tmp_path, mesh, {"step": 1}, arrays_of(mesh))
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(checkpoint, "on_root", killed)
+    with pytest.raises(KeyboardInterrupt):
+        write_checkpoint(tmp_path, mesh, {"step": 2}, arrays_of(mesh))
+    monkeypatch.undo()
+    assert read_header(tmp_path / "checkpoint.h5")["step"] == 1
+    write_checkpoint(tmp_path, mesh, {"step": 3}, arrays_of(mesh))
+    assert read_header(tmp_path / "checkpoint.h5")["step"] == 3
+    assert read_header(tmp_path / "checkpoint.previous.h5")["step"] == 1
+
+
+def spoil(path, kind):
+    if kind == "truncated":
+        path.write_bytes(path.read_bytes()[:-500])
+    if kind == "text":
+        path.write_text("not HDF5")
+    if kind == "foreign":
+        with h5py.File(path, "w") as file:
+            file["x"] = np.zeros(3)
+    if kind == "newer":
+        with h5py.File(path, "a") as file:
+            file.attrs["header"] = json.dumps({**json.loads(file.attrs["header"]), "format_version": 99})
+    if kind == "absent":
+        path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        ("truncated", "truncated or damaged, expected a complete checkpoint; use .*checkpoint.previous.h5"),
+        ("text", "not an HDF5 file"),
+        ("foreign", "an HDF5 file, but not a checkpoint"),
+        ("newer", "received checkpoint format 99, expected at most 1"),
+        ("absent", "no such file, expected a checkpoint; .*checkpoint.previous.h5 is there"),
+    ],
+)
+def test_checkpoint_that_cannot_be_used_is_one_sentence(kind, sentence, tmp_path):
+    mesh = local_mesh("T3")
+    for _ in range(2):
+        write_checkpoint(tmp_path, mesh, {"step": 1}, arrays_of(mesh))
+    spoil(tmp_path / "checkpoint.h5", kind)
+    with pytest.raises(InputError, match=sentence):
+        read_checkpoint(tmp_path / "checkpoint.h5", mesh)
+
+
+def test_checkpoint_of_another_mesh_states_both(tmp_path):
+    mesh, other = local_mesh("T3"), local_mesh("T6")
+    write_checkpoint(tmp_path, mesh, {}, arrays_of(mesh))
+    with pytest.raises(InputError, match=f"received mesh hash {mesh.hash}, expected {other.hash}"):
+        read_checkpoint(tmp_path / "checkpoint.h5", other)
+
+
+def write_results(directory, name, n_steps=4):
+    """Write a small result directory with fields, history and scene."""
+    mesh = local_mesh(name)
+    writer = FieldWriter(directory, mesh)
+    history = History(directory, ["A.u_x", "A.u_y", "B.p"], COMM)
+    for step in range(1, n_steps + 1):
+        writer.write(step, 0.1 * step, fields_of(mesh, 1e-4 * step))
+        history.append(0.1 * step, [1e-3 * step, 1e-5 * step**2, -1e5 * step], 3)
+    history.close()
+    (directory / "scene.toml").write_text('title = "x"\n[figures]\ntimes = [0.1, 0.32]\npaths = ["A"]\n')
+    return mesh
+
+
+@pytest.mark.parametrize("name", ["T6", "T10"])
+def test_figures_are_made_from_the_files(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "DPI", 40)
+    write_results(tmp_path, name)
+    written = make_figures(tmp_path)
+    assert [path.name for path in written] == ["pressure.png", "displacement.png", "histories.png", "paths.png"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in written)
+    assert not list(tmp_path.glob("*.tmp"))
+
+
+def test_figures_leave_out_what_has_no_data(tmp_path):
+    with pytest.raises(InputError, match="no scene.toml"):
+        make_figures(tmp_path)
+    (tmp_path / "scene.toml").write_text('title = "x"\n')
+    assert make_figures(tmp_path) == []
+
+
+def test_snapshots_nearest_to_the_times_are_taken_once(tmp_path):
+    write_results(tmp_path, "T3")
+    chosen = choose_snapshots(read_snapshots(tmp_path), [0.09, 0.11, 0.26, 9.0])
+    assert [s.step for s in chosen] == [1, 3, 4]
+    assert len(choose_snapshots(read_snapshots(tmp_path), [])) == 4
+
+
+@pytest.mark.parametrize(("name", "triangles", "outline"), [("T3", 16, 12), ("T6", 64, 24), ("T4", 80, 32), ("T10", 320, 64)])
+def test_surface_is_drawn_completely(name, triangles, outline, tmp_path):
+    write_results(tmp_path, name, 1)
+    surface = read_surface(tmp_path)
+    assert len(surface.triangles) == triangles and len(surface.outline) == outline
+
+
+def test_units_keep_numbers_near_one():
+    assert scaled_unit(1.2e5, "Pa") == (1e-3, "kPa")
+    assert scaled_unit(1e6, "Pa") == (1e-6, "MPa")
+    assert scaled_unit(0.0021, "m") == (1e3, "mm")
+    assert scaled_unit(2e4, "m") == (1.0, "m")
+    assert scaled_unit(0.0, "Pa") == (1.0, "Pa")
+    assert significant(0.0357) == pytest.approx(0.04) and significant(8463.0) == 8000.0
+
+
+def test_result_directory_is_described(tmp_path):
+    mesh = write_results(tmp_path, "T3")
+    write_checkpoint(tmp_path, mesh, {"step": 4, "time": 0.4}, arrays_of(mesh))
+    text = describe(tmp_path)
+    assert "0.1 s to 0.4 s" in text and "A.u_x" in text and "displacement" in text and mesh.hash in text
+
+
+def test_mesh_file_is_described(tmp_path):
+    path = tmp_path / "mesh.msh"
+    tags = [np.array([1, 1]), np.array([2, 2, 3, 3])]
+    meshio.Mesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+        [("triangle", [[0, 1, 2], [0, 2, 3]]), ("line", [[0, 1], [1, 2], [2, 3], [3, 0]])],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={"soil": np.array([1, 2]), "wall": np.array([2, 1]), "top": np.array([3, 1])},
+    ).write(path, file_format="gmsh22", binary=False)
+    text = describe(path)
+    assert "2 T3" in text and "region soil" in text and "tag top" in text
+    path.write_text("nothing")
+    with pytest.raises(InputError, match="not readable as a mesh"):
+        describe(path)
