@@ -20,7 +20,7 @@ from porofsi_petsc.output.history import History
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.probes import Probes
 from porofsi_petsc.output.surface import read_surface
-from porofsi_petsc.output.units import scaled_unit, significant
+from porofsi_petsc.output.units import plain, scaled_unit, significant
 
 COMM = MPI.COMM_SELF
 ELEMENTS = ["T3", "T6", "T4", "T10"]
@@ -255,6 +255,7 @@ def test_units_keep_numbers_near_one():
     assert scaled_unit(2e4, "m") == (1.0, "m")
     assert scaled_unit(0.0, "Pa") == (1.0, "Pa")
     assert significant(0.0357) == pytest.approx(0.04) and significant(8463.0) == 8000.0
+    assert plain(0.02) == "0.02" and plain(8000.0) == "8,000" and plain(5e7) == r"$5\times 10^{7}$"
 
 
 def test_result_directory_is_described(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .hdf5 import read_slab
-from .units import scaled_unit, significant
+from .units import plain, scaled_unit, significant
 
 DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the domain
 LARGEST_ASPECT = 6.0  # a domain more slender than this is drawn with unequal scales
@@ -46,7 +46,7 @@ def colour_scale(values, unit):
         bound = max(-low, high)
         return Scale(name, factor, -bound, bound, "RdBu_r")
     low, high = (min(low, 0.0), high) if high > 0 else (low, max(high, 0.0))
-    return Scale(name, factor, low, high if high > low else low + 1.0, "viridis" if high > 0 else "viridis_r")
+    return Scale(name, factor, low, high if high > low else low + 1.0, "YlGnBu" if high > 0 else "YlGnBu_r")
 
 
 def draw_field(figure, snapshots, values, surface, label, magnification):
@@ -66,11 +66,13 @@ def draw_field(figure, snapshots, values, surface, label, magnification):
         ax.set_visible(False)
     _label_axes(axes, surface, len(snapshots))
     figure.colorbar(artist, ax=axes, label=f"{label[0]} [{scale.unit}]", aspect=30, pad=0.02)
-    figure.suptitle(_caption(magnification, equal), fontsize=8)
+    figure.suptitle(_caption(magnification, equal, surface), fontsize=8)
 
 
-def _caption(magnification, equal):
-    text = f"displacements drawn {magnification:,.6g} times their size; outline: undeformed"
+def _caption(magnification, equal, surface):
+    text = f"displacements drawn {plain(magnification)} times their size; outline: undeformed"
+    if surface.dim == 3:
+        text += ", " + r" $\times$ ".join(f"{extent:.4g}" for extent in np.ptp(surface.points, axis=0)) + " m"
     return text if equal else text + "; axes not to the same scale"
 
 
@@ -84,8 +86,9 @@ def _arrange(figure, n, surface):
         aspect = np.clip(aspect, 0.3, 2.0)
     columns = 1 if n == 1 or aspect < 0.2 else n if aspect > 1.5 and n <= 4 else 2 if n <= 4 else 3
     rows = -(-n // columns)
-    panel = (WIDTH - 1.3) / columns
-    figure.set_size_inches(WIDTH, min(rows * (panel * aspect + 0.35) + 0.75, 9.5))
+    width = WIDTH if columns > 1 or aspect < 0.5 else 0.65 * WIDTH
+    panel = (width - 1.3) / columns
+    figure.set_size_inches(width, min(rows * (panel * aspect + 0.27) + 0.65, 9.5))
     return rows, columns, equal
 
 
@@ -93,7 +96,8 @@ def _draw_panel(ax, surface, deformed, values, scale):
     from matplotlib.collections import LineCollection
 
     outline = surface.project(surface.points)[0][surface.outline]
-    ax.add_collection(LineCollection(outline, colors="0.35", linewidths=0.7, zorder=3 if surface.dim == 2 else 0))
+    hidden_lines_too = surface.dim == 3
+    ax.add_collection(LineCollection(outline, colors="0.3", linewidths=0.7, alpha=0.4 if hidden_lines_too else 1.0, zorder=3))
     draw = _draw_plane if surface.dim == 2 else _draw_solid
     artist = draw(ax, surface, deformed, values, {"cmap": scale.colours, "clim": (scale.low, scale.high)})
     ax.autoscale_view()

@@ -16,7 +16,7 @@ KINDS = {  # symbol in front of the component: what it is, SI unit
 }
 SYMBOLS = {"p": "p", "n_f": "n_f"} | {
     f"{kind}_{axis}": f"{symbol}_{{{index}{axis}}}"
-    for kind, symbol, index in (("u", "u", ""), ("v", "v", "s"), ("vf", "v", "f"))
+    for kind, symbol, index in (("u", "u", ""), ("v", "v", "s,"), ("vf", "v", "f,"))
     for axis in "xyz"
 }
 

@@ -20,3 +20,11 @@ def significant(value):
     """Return the positive value rounded to one significant digit."""
     power = 10.0 ** math.floor(math.log10(value))
     return round(value / power) * power
+
+
+def plain(value):
+    """Return a number of few digits as people write it: 0.02, 500, 5 x 10^7 (as mathtext)."""
+    if 1e-3 <= value < 1e5:
+        return f"{value:,g}"
+    power = math.floor(math.log10(value))
+    return f"${value / 10.0**power:g}\\times 10^{{{power}}}$"
