@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 
 from ..errors import InputError
-from .files import on_root, temporary_name, to_json
+from .files import keep_names, on_root, temporary_name, to_json
 from .hdf5 import read_slab, write_slabs
 
 FORMAT = "porofsi checkpoint"
@@ -42,6 +42,7 @@ def _replace(written, path):
         except OSError:  # a file system without hard links
             os.replace(path, previous)
     os.replace(written, path)
+    keep_names(path.parent)
 
 
 def read_checkpoint(path, mesh):

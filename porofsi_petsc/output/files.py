@@ -52,7 +52,12 @@ def publish(path):
     path = Path(path)
     _fsync(temporary_name(path), os.O_RDWR)
     os.replace(temporary_name(path), path)
-    _fsync(path.parent, os.O_RDONLY)
+    keep_names(path.parent)
+
+
+def keep_names(folder):
+    """Force the names in the folder to the disk."""
+    _fsync(folder, os.O_RDONLY)
 
 
 def _fsync(path, flags):

@@ -26,8 +26,12 @@ def write_slabs(path, comm, slabs, attributes=None):
 
 
 def _write_together(path, comm, slabs, counts, attributes):
+    try:
+        file = h5py.File(path, "w", driver="mpio", comm=comm)
+    except OSError as failure:  # on every rank alike: opening is collective
+        raise writing_error(failure, path) from failure
     starts = counts[: comm.rank].sum(axis=0)
-    with h5py.File(path, "w", driver="mpio", comm=comm) as file:
+    with file:
         file.attrs.update(attributes)
         for (name, slab), start, column in zip(slabs.items(), starts, counts.T, strict=True):
             dataset = file.create_dataset(name, (column.sum(), *slab.shape[1:]), slab.dtype)
