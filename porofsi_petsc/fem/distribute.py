@@ -1,0 +1,168 @@
+"""The mesh of one rank: its own nodes, every cell that touches one of them, and the ghost nodes of these cells."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..elements import ELEMENTS, Element
+from ..mesh.topology import locate_facets
+from .halo import Halo
+from .natural_order import NaturalOrder
+
+TAG = 72
+FACET_ARRAYS = ("nodes", "cells", "local", "owned")
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """The facets of one tag that belong to a local cell.
+
+    nodes : (F, Af) local nodes, outward.  cells : (F,) local cell.  local : (F,) which facet of the cell.
+    owned : (F,) bool, true on exactly one rank.
+    """
+
+    nodes: np.ndarray
+    cells: np.ndarray
+    local: np.ndarray
+    owned: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LocalMesh:
+    """The part of the mesh on one rank, owned nodes first (ascending natural number), then ghosts (by owner and natural number).
+
+    natural, numbering : (n_local,) natural and PETSc node numbers; the rank owns first … first + n_owned - 1.
+    X : (n_local, d) [m].  cells : (E, A) local nodes.  cell_owned : (E,) bool, true on exactly one rank.
+    cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.  facets : tag -> Facets, the same tags on every rank.
+    """
+
+    comm: object
+    element: Element
+    n_owned: int
+    n_global: int
+    first: int
+    natural: np.ndarray
+    numbering: np.ndarray
+    X: np.ndarray
+    cells: np.ndarray
+    cell_owned: np.ndarray
+    cell_natural: np.ndarray
+    n_cells_global: int
+    regions: tuple
+    cell_region: np.ndarray
+    facets: dict
+    halo: Halo
+    order: NaturalOrder
+    hash: str
+
+    @property
+    def dim(self):
+        """Return the space dimension."""
+        return self.element.dim
+
+    @property
+    def n_local(self):
+        """Return the number of owned and ghost nodes."""
+        return len(self.natural)
+
+
+def distribute(comm, mesh, owner):
+    """Return the LocalMesh of every rank; collective.
+
+    mesh : mesh.Mesh, owner : (N,) rank of every node; both on rank 0 and ignored elsewhere.
+    """
+    header, mine = _send_parts(comm, mesh, owner) if comm.rank == 0 else (comm.bcast(None), _receive_part(comm))
+    first, tags = header.pop("first"), header.pop("tags")
+    n_owned = int(first[comm.rank + 1] - first[comm.rank])
+    facets = {tag: Facets(*(mine.pop(f"{index}.{name}") for name in FACET_ARRAYS)) for index, tag in enumerate(tags)}
+    return LocalMesh(
+        comm=comm,
+        element=ELEMENTS[header.pop("element")],
+        n_owned=n_owned,
+        first=int(first[comm.rank]),
+        facets=facets,
+        halo=Halo(comm, n_owned, mine["numbering"][n_owned:], first),
+        order=NaturalOrder(comm, mine["natural"][:n_owned], header["n_global"]),
+        **header,
+        **mine,
+    )
+
+
+def _send_parts(comm, mesh, owner):
+    """Send every rank its part, one at a time, and return the header and the part of rank 0."""
+    cutter = _Cutter(mesh, owner, comm.size)
+    header = comm.bcast(cutter.header)
+    for rank in range(1, comm.size):
+        part = cutter.part(rank)
+        comm.send([(name, array.shape, array.dtype.str) for name, array in part.items()], rank, TAG)
+        for array in part.values():
+            comm.Send(array, rank, TAG)
+    return header, cutter.part(0)
+
+
+def _receive_part(comm):
+    part = {name: np.empty(shape, dtype=dtype) for name, shape, dtype in comm.recv(source=0, tag=TAG)}
+    for array in part.values():
+        comm.Recv(array, 0, TAG)
+    return part
+
+
+class _Cutter:
+    """What rank 0 needs to cut out the part of any rank."""
+
+    def __init__(self, mesh, owner, size):
+        self._mesh, self._owner = mesh, np.asarray(owner, dtype=np.int64)
+        first = np.searchsorted(np.sort(self._owner), np.arange(size + 1))
+        self._nodes = np.argsort(self._owner, kind="stable")
+        self._numbering = np.empty(len(owner), dtype=np.int64)
+        self._numbering[self._nodes] = np.arange(len(owner))
+        self._first = first
+        n_cells = len(mesh.cells)
+        touches = np.unique(self._owner[mesh.cells] * n_cells + np.arange(n_cells)[:, None])
+        self._cells = np.split(touches % n_cells, np.searchsorted(touches, np.arange(1, size) * n_cells))
+        self._facets = {tag: (nodes, *locate_facets(nodes, mesh.cells, mesh.element)) for tag, nodes in mesh.facets.items()}
+        self.header = {
+            "element": mesh.element.name,
+            "first": first,
+            "tags": list(mesh.facets),
+            "regions": tuple(mesh.regions),
+            "n_global": len(mesh.points),
+            "n_cells_global": n_cells,
+            "hash": mesh.hash,
+        }
+
+    def part(self, rank):
+        """Return the arrays of a rank, dict name -> array; the arrays of facet group i are called "i.nodes", ..."""
+        mesh, chosen = self._mesh, self._cells[rank]
+        owned = self._nodes[self._first[rank] : self._first[rank + 1]]
+        touched = np.unique(mesh.cells[chosen])
+        ghosts = touched[self._owner[touched] != rank]
+        natural = np.concatenate([owned, ghosts[np.argsort(self._numbering[ghosts])]])
+        to_local = _Renumbering(natural)
+        cell_owned = self._owner[mesh.cells[chosen, 0]] == rank
+        part = {
+            "natural": natural,
+            "numbering": self._numbering[natural],
+            "X": mesh.points[natural],
+            "cells": to_local(mesh.cells[chosen]),
+            "cell_owned": cell_owned,
+            "cell_natural": chosen,
+            "cell_region": np.asarray(mesh.cell_region, dtype=np.int64)[chosen],
+        }
+        for index, (nodes, cell, local) in enumerate(self._facets.values()):
+            here = np.isin(cell, chosen)
+            cells = np.searchsorted(chosen, cell[here])
+            arrays = (to_local(nodes[here]), cells, local[here], cell_owned[cells])
+            part |= {f"{index}.{name}": array for name, array in zip(FACET_ARRAYS, arrays, strict=True)}
+        return {name: np.ascontiguousarray(array) for name, array in part.items()}
+
+
+class _Renumbering:
+    """The map from natural to local node numbers, of the size of the part."""
+
+    def __init__(self, natural):
+        self._order = np.argsort(natural)
+        self._sorted = natural[self._order]
+
+    def __call__(self, nodes):
+        return self._order[np.searchsorted(self._sorted, nodes)]
