@@ -241,7 +241,7 @@ def test_snapshots_nearest_to_the_times_are_taken_once(tmp_path):
     assert len(choose_snapshots(read_snapshots(tmp_path), [])) == 4
 
 
-@pytest.mark.parametrize(("name", "triangles", "outline"), [("T3", 16, 12), ("T6", 64, 24), ("T4", 80, 32), ("T10", 320, 64)])
+@pytest.mark.parametrize(("name", "triangles", "outline"), [("T3", 16, 12), ("T6", 64, 24), ("T4", 56, 32), ("T10", 224, 64)])
 def test_surface_is_drawn_completely(name, triangles, outline, tmp_path):
     write_results(tmp_path, name, 1)
     surface = read_surface(tmp_path)

@@ -73,6 +73,7 @@ def _caption(magnification, equal, surface):
     text = f"displacements drawn {plain(magnification)} times their size; outline: undeformed"
     if surface.dim == 3:
         text += ", " + r" $\times$ ".join(f"{extent:.4g}" for extent in np.ptp(surface.points, axis=0)) + " m"
+        text += f"; only the part behind $y$ = {surface.cut:.4g} m is drawn"
     return text if equal else text + "; axes not to the same scale"
 
 
@@ -96,8 +97,8 @@ def _draw_panel(ax, surface, deformed, values, scale):
     from matplotlib.collections import LineCollection
 
     outline = surface.project(surface.points)[0][surface.outline]
-    hidden_lines_too = surface.dim == 3
-    ax.add_collection(LineCollection(outline, colors="0.3", linewidths=0.7, alpha=0.4 if hidden_lines_too else 1.0, zorder=3))
+    behind = surface.dim == 3
+    ax.add_collection(LineCollection(outline, colors="0.35", linewidths=0.7, zorder=0 if behind else 3))
     draw = _draw_plane if surface.dim == 2 else _draw_solid
     artist = draw(ax, surface, deformed, values, {"cmap": scale.colours, "clim": (scale.low, scale.high)})
     ax.autoscale_view()

@@ -1,4 +1,4 @@
-"""What is drawn of a mesh: the triangles of a plane mesh, or the visible surface of a solid one, and its outline."""
+"""What is drawn of a mesh: the triangles of a plane mesh, or the surface of the rear half of a solid one, and the outline."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,11 +21,13 @@ class Surface:
     """Triangles and outline in the numbering of the points, with their projection to the plane of the picture.
 
     points : (N, d) [m].  triangles : (T, 3).  outline : (L, 2) edges of a plane domain, sharp edges of a solid one.
+    cut : y [m] in front of which the elements of a solid domain are left out, so that its inside is seen; None in the plane.
     """
 
     points: np.ndarray
     triangles: np.ndarray
     outline: np.ndarray
+    cut: float | None = None
 
     @property
     def dim(self):
@@ -62,12 +64,19 @@ def read_surface(directory):
 
 def surface_of(points, cells, element):
     """Return the Surface of a mesh; elements of order 2 are split at their mid-edge nodes."""
-    cell, local = boundary_facets(cells, element)
-    facets = cells[cell[:, None], np.array(element.facets)[local]]
+    boundary = _boundary(cells, element)
     if element.dim == 2:
-        return Surface(points, _split(cells, SPLIT), _split(facets, SPLIT_LINE))
-    triangles = _split(facets, SPLIT)
-    return Surface(points, triangles, _sharp_edges(points, triangles))
+        return Surface(points, _split(cells, SPLIT), _split(boundary, SPLIT_LINE))
+    depth = points[:, 1]
+    cut = (depth.min() + depth.max()) / 2
+    behind = cells[depth[cells].mean(axis=1) > cut]
+    outline = _sharp_edges(points, _split(boundary, SPLIT))
+    return Surface(points, _split(_boundary(behind, element), SPLIT), outline, cut)
+
+
+def _boundary(cells, element):
+    cell, local = boundary_facets(cells, element)
+    return cells[cell[:, None], np.array(element.facets)[local]]
 
 
 def _split(cells, table):
