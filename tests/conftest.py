@@ -21,7 +21,9 @@ def pytest_runtest_logreport(report):
     if RANKS > 1 and report.failed:
         from mpi4py import MPI
 
-        print(f"\nrank {MPI.COMM_WORLD.rank} of {RANKS}: {report.nodeid} failed\n{report.longreprtext}", file=sys.stderr, flush=True)
+        print(
+            f"\nrank {MPI.COMM_WORLD.rank} of {RANKS}: {report.nodeid} failed\n{report.longreprtext}", file=sys.stderr, flush=True
+        )
         MPI.COMM_WORLD.Abort(1)
 
 

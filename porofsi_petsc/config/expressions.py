@@ -142,7 +142,7 @@ def _formula(text):
         try:
             with np.errstate(all="ignore"):
                 return evaluator.eval(text, previously_parsed=tree)
-        except (simpleeval.InvalidExpression, TypeError, ValueError) as error:
+        except (simpleeval.InvalidExpression, TypeError, ValueError, RecursionError) as error:
             raise InputError(f"expression {text!r} cannot be evaluated: {error}") from None
 
     trial = np.asarray(evaluate(0.0, np.full((1, 3), 0.5)))

@@ -1,0 +1,151 @@
+"""Command line: what reaches the simulation, exit codes, quick answers, and the end of a parallel job when one rank fails."""
+
+import os
+import shutil
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import porofsi_petsc
+from porofsi_petsc import errors
+from porofsi_petsc.__main__ import cli
+from porofsi_petsc.linalg import options
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Replace PETSc's start and the simulation; return the list of what they received."""
+    received = []
+    simulation = types.ModuleType("porofsi_petsc.simulation")
+    simulation.run = lambda *arguments: received.append(("run", *arguments))
+    simulation.check = lambda scene: f"checked {scene.name}"
+    monkeypatch.setitem(sys.modules, "porofsi_petsc.simulation", simulation)
+    monkeypatch.setattr(options, "start", lambda *arguments: received.append(("start", *arguments)))
+    return received
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(cli, arguments)
+
+
+def test_run_passes_everything_on(calls, tmp_path):
+    result = invoke(
+        *("run", "pulse2d", "--output", str(tmp_path / "out"), "--set", "time.end=0.5", "--set", "petsc.options=-a 1"),
+        *("--restart", "x.h5", "--force", "--quiet", "--max-time", "5", "--", "-fluid_ksp_monitor", "-b", "2"),
+    )
+    assert result.exit_code == 0, result.output
+    (_, *started), (_, scene, *rest) = calls
+    assert started == ["-a 1", ["-fluid_ksp_monitor", "-b", "2"]]
+    assert scene.time.end == 0.5 and rest == [tmp_path / "out", Path("x.h5"), True, True, 5.0]
+
+
+def test_run_has_a_default_directory_and_applies_smoke(calls):
+    assert invoke("run", "pulse2d", "--smoke").exit_code == 0
+    _, scene, *rest = calls[-1]
+    assert scene.time.end == scene.smoke["time.end"] and rest == [Path("results/pulse2d"), None, False, False, None]
+
+
+def test_the_same_from_python(calls):
+    porofsi_petsc.run(porofsi_petsc.load_scene("pulse2d"), "results/x", petsc_options=["-c"])
+    assert calls[0] == ("start", "", ["-c"]) and calls[1][2] == Path("results/x")
+
+
+def test_check_list_and_version(calls):
+    assert invoke("check", "pulse2d").output == "checked pulse2d\n"
+    assert "pulse2d" in invoke("list").output
+    assert porofsi_petsc.__version__ in invoke("--version").output
+
+
+@pytest.mark.parametrize(
+    "error, code",
+    [
+        (errors.InputError, 2),
+        (errors.ConvergenceError, 3),
+        (errors.Stopped, 4),
+        (errors.ExpectationError, 5),
+        (errors.PorofsiError, 1),
+        (ZeroDivisionError, 1),
+    ],
+)
+def test_exit_codes(calls, error, code):
+    def fail(*_):
+        raise error("the reason")
+
+    sys.modules["porofsi_petsc.simulation"].run = fail
+    result = invoke("run", "pulse2d")
+    assert result.exit_code == code
+    if issubclass(error, errors.PorofsiError):
+        assert result.stderr == "error: the reason\n"
+
+
+@pytest.mark.parametrize(
+    "arguments, sentence",
+    [
+        (["run"], "Missing argument"),
+        (["run", "pulse2d", "--nonsense"], "No such option"),
+        (["run", "pulse2d", "more"], "PETSc options follow after --"),
+        (["run", "pulse2d", "--max-time", "0"], "is not in the range"),
+        (["run", "pulse2d", "--set", "time.end"], "expected KEY=VALUE"),
+        (["run", "nowhere.toml"], "no such file"),
+        (["check", "pulse2d", "--set", "time.end=no"], "[time.end]: received 'no', expected a number"),
+        (["walk"], "No such command"),
+    ],
+)
+def test_wrong_use_ends_with_2(calls, arguments, sentence):
+    result = invoke(*arguments)
+    assert result.exit_code == 2 and sentence in result.stderr and not calls
+
+
+def test_help_imports_nothing_heavy():
+    code = "import sys; from porofsi_petsc.__main__ import cli; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=True
+    ).stdout.split()
+    assert not {"petsc4py", "mpi4py", "numpy", "scipy", "matplotlib", "pydantic", "h5py", "meshio"} & set(loaded)
+
+
+def environment():
+    """Return the environment without what MPI has put there, so that mpirun starts afresh."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))}
+    path = os.pathsep.join(filter(None, [str(ROOT), kept.get("PYTHONPATH")]))
+    launch = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
+    return kept | launch | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+
+
+STUBBED = """
+import sys, types
+from mpi4py import MPI
+from porofsi_petsc import errors
+from porofsi_petsc.linalg import options
+def run(*_):
+    {action}
+    MPI.COMM_WORLD.Barrier()
+options.start = lambda *_: None
+sys.modules["porofsi_petsc.simulation"] = types.SimpleNamespace(run=run)
+from porofsi_petsc import __main__ as command_line
+command_line.AGREEMENT_TIME = 0.5
+sys.argv = ["porofsi", "run", "pulse2d"]
+command_line.main()
+"""
+PARALLEL = [
+    ("raise errors.ConvergenceError('all of us')", 3, "error: all of us", 1),
+    ("if MPI.COMM_WORLD.rank == 1: raise ZeroDivisionError('one of us')", 1, "ZeroDivisionError: one of us", 1),
+    ("if MPI.COMM_WORLD.rank == 1: raise errors.InputError('one of us')", 2, "error: one of us", 1),
+]
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+@pytest.mark.parametrize("action, code, sentence, times", PARALLEL)
+def test_a_parallel_job_ends_with_its_error(tmp_path, action, code, sentence, times):
+    script = tmp_path / "job.py"
+    script.write_text(STUBBED.format(action=action))
+    command = ["mpirun", "-n", "2", sys.executable, str(script)]
+    result = subprocess.run(command, capture_output=True, text=True, env=environment(), timeout=60)
+    assert result.returncode == code
+    assert result.stderr.count(sentence) == times
