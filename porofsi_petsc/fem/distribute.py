@@ -33,7 +33,8 @@ class LocalMesh:
 
     natural, numbering : (n_local,) natural and PETSc node numbers; the rank owns first … first + n_owned - 1.
     X : (n_local, d) [m].  cells : (E, A) local nodes.  cell_owned : (E,) bool, true on exactly one rank.
-    cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.  facets : tag -> Facets, the same tags on every rank.
+    cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.
+    facets : tag -> Facets, the same tags on every rank.
     """
 
     comm: object

@@ -5,7 +5,7 @@ import numpy as np
 from ..elements import ELEMENTS
 from ..elements.quadrature import quadrature
 from ..errors import InputError
-from .topology import facet_multiplicity
+from .topology import facet_multiplicity, locate_facets
 
 # det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under any graded mesh, over round-off
 DEGENERATE = 1e-12
@@ -152,3 +152,18 @@ def require_tagged_boundary(points, cells, element, tagged, where):
         if len(cell):
             corners = cells[cell[0], list(element.facets[local[0]][: element.dim])]
             raise InputError(f"{where}: {len(cell)} {what.format(place(points[corners].mean(axis=0)))}")
+
+
+def boundary_tags(mesh):
+    """Return the tags that lie on the boundary of the mesh, at least with one facet."""
+    multiplicity = facet_multiplicity(mesh.cells, mesh.element)
+    places = {tag: locate_facets(nodes, mesh.cells, mesh.element) for tag, nodes in mesh.facets.items()}
+    return [tag for tag, cell_and_local in places.items() if (multiplicity[cell_and_local] == 1).any()]
+
+
+def require_every_tag(tags, used, where):
+    """Raise InputError when a boundary tag of the mesh has no [[boundary]] entry."""
+    for tag in tags:
+        if tag not in used:
+            advice = f"add an entry with on = '{tag}' (with nothing else it is free of traction and impermeable)"
+            raise InputError(f"{where} [[boundary]]: the boundary '{tag}' of the mesh has no entry; {advice}")

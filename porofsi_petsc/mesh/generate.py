@@ -121,22 +121,14 @@ def _facet_tags(vertices, lines, patches):
     tags, taken = {}, np.zeros(len(centres), dtype=bool)
     for patch in patches:
         where = f"mesh.patches '{patch.name}'"
-        _check_patch(patch, dim, where)
-        tangential = [axis for axis in range(dim) if axis != SIDES[dim][patch.side][0]]
+        normal = SIDES[dim][patch.side][0]
+        if getattr(patch, AXES[normal], None) is not None:
+            raise InputError(f"{where}: an interval of {AXES[normal]} has no meaning on the side '{patch.side}'; remove it")
+        tangential = [axis for axis in range(dim) if axis != normal]
         inside = sides[patch.side] & _inside(centres, lines, patch, tangential, where)
         _refuse_overlap(inside, taken, centres, where, "facets of another patch")
         tags[patch.name] = tags.get(patch.name, False) | inside
     return {**{side: chosen & ~taken for side, chosen in sides.items()}, **tags}
-
-
-def _check_patch(patch, dim, where):
-    if patch.side not in SIDES[dim]:
-        raise InputError(f"{where}: unknown side '{patch.side}'; choose from {', '.join(SIDES[dim])}")
-    if patch.name in SIDES[dim]:
-        raise InputError(f"{where}: this is the name of a side; choose another name for the patch")
-    normal = AXES[SIDES[dim][patch.side][0]]
-    if getattr(patch, normal, None) is not None:
-        raise InputError(f"{where}: an interval of {normal} has no meaning on the side '{patch.side}'; remove it")
 
 
 def _inside(centres, lines, part, axes, where):
