@@ -1,0 +1,173 @@
+"""Start of PETSc and its option database: command line > scene > PETSC_OPTIONS and rc files > defaults of the package."""
+
+import difflib
+import os
+import re
+import shlex
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+
+from ..errors import InputError
+
+OLDEST = (3, 18)
+# Read by PETSc only when it starts or ends, so they count as used.
+START_AND_END = frozenset(
+    "options_left options_view options_monitor objects_dump log_view log_trace malloc malloc_debug malloc_dump "
+    "malloc_test malloc_view memory_view help version info on_error_abort skip_petscrc skip_petscrc_env".split()
+)
+# Suffixes worth suggesting for a misspelt option; only used to word an error.
+COMMON = (
+    "ksp_type ksp_rtol ksp_atol ksp_max_it ksp_monitor ksp_view ksp_converged_reason ksp_gmres_restart pc_type "
+    "pc_factor_mat_solver_type pc_factor_levels pc_fieldsplit_type pc_fieldsplit_schur_fact_type "
+    "pc_fieldsplit_schur_precondition pc_gamg_threshold pc_hypre_type sub_pc_type sub_ksp_type sub_pc_python_type"
+).split()
+
+_user: set[str] = set()
+_defaults: dict[str, str] = {}  # full name -> prefix
+
+
+def start(scene_options: str = "", command_line: Sequence[str] = ()) -> None:
+    """Start PETSc once with the user's options; a later call replaces the options of the earlier one.
+
+    scene_options : the scene's option string, split like a shell's; command_line : the options of the command line, which win.
+    Both may contain `-options_file FILE`.  Raise InputError for words that are no options, a missing options file, a PETSc
+    that is absent, older than 3.18 or built with complex numbers.
+    """
+    words = [*_split(scene_options), *command_line]
+    _check_words(words)
+    if "petsc4py.PETSc" in sys.modules:
+        _check_build()
+        _forget()
+        _insert(words)
+    else:
+        _initialise(words)
+        _check_build()
+    _user.update(_names(words))
+
+
+def set_defaults(prefix: str, defaults: Mapping[str, object]) -> None:
+    """Insert `-<prefix><name> value` for every default that the user has not set; None is an option without a value.
+
+    The defaults of an earlier call with the same prefix are removed first.
+    """
+    database = _petsc().Options()
+    for full in [full for full, owner in _defaults.items() if owner == prefix]:
+        database.delValue(full)
+        del _defaults[full]
+    for name, value in defaults.items():
+        full = prefix + name
+        if not database.hasName(full):
+            _defaults[full] = prefix
+            database.setValue(full, None if value is None else str(value))
+
+
+def unused_options(exempt_prefixes: Iterable[str] = ()) -> list[str]:
+    """Return the options of the scene and the command line that PETSc has not asked for on any rank (collective)."""
+    from .compat import option_used
+
+    exempt = tuple(exempt_prefixes)
+    names = sorted(name for name in _user if name not in START_AND_END and not name.startswith(exempt))
+    used = _petsc().COMM_WORLD.tompi4py().allgather([option_used(name) for name in names])
+    return [name for name, *flags in zip(names, *used, strict=True) if not any(flags)]
+
+
+def check_options(exempt_prefixes: Iterable[str] = ()) -> None:
+    """Raise InputError naming the first option that nobody used, with the nearest known name (collective)."""
+    unused = unused_options(exempt_prefixes)
+    if unused:
+        more = f" (and {len(unused) - 1} more: {', '.join('-' + name for name in unused[1:])})" if len(unused) > 1 else ""
+        raise InputError(f"PETSc options: nothing used -{unused[0]}{more}; {_suggestion(unused[0])}")
+
+
+def has_package(name: str) -> bool:
+    """Return whether PETSc was built with an external package such as mumps, hypre, ptscotch, superlu_dist or ml."""
+    return bool(_petsc().Sys.hasExternalPackage(name))
+
+
+def _petsc():
+    from petsc4py import PETSc
+
+    return PETSc
+
+
+def _split(text):
+    try:
+        return shlex.split(text, comments=True)
+    except ValueError as error:
+        raise InputError(f"[petsc] options: {error} in {text!r}; close the quotation") from error
+
+
+def _is_option(word):
+    return re.match(r"--?[A-Za-z_]", word) is not None
+
+
+def _check_words(words):
+    for previous, word in zip(["", *words], words, strict=False):
+        if not _is_option(word) and not _is_option(previous):
+            raise InputError(f"PETSc options: {word!r} is neither an option nor the value of one; write -NAME VALUE")
+        if previous == "-options_file" and not os.path.isfile(word):
+            raise InputError(f"PETSc options: no file {word!r} (after -options_file); give the path of an existing file")
+
+
+def _initialise(words):
+    try:
+        import petsc4py
+    except ImportError as error:
+        raise InputError("this Python has no petsc4py; install PETSc with petsc4py, version 3.18 or newer") from error
+    petsc4py.init([sys.argv[0] or "porofsi", *words])
+
+
+def _check_build():
+    import numpy as np
+
+    PETSc = _petsc()
+    if np.issubdtype(PETSc.ScalarType, np.complexfloating):
+        raise InputError("this PETSc is built with complex numbers; use a build with real scalars (PETSC_ARCH)")
+    version = PETSc.Sys.getVersion()
+    if version < OLDEST:
+        raise InputError(f"this PETSc is version {'.'.join(map(str, version))}; use {OLDEST[0]}.{OLDEST[1]} or newer")
+
+
+def _forget():
+    """Remove the options of the last start and all defaults; restore what the environment and rc files say."""
+    from .compat import insert_environment_options
+
+    database = _petsc().Options()
+    for name in _user | set(_defaults):
+        database.delValue(name)
+    _user.clear()
+    _defaults.clear()
+    insert_environment_options()
+
+
+def _insert(words):
+    """Insert into the running database; a value with blanks cannot be told from two words here, so it is set by name."""
+    database = _petsc().Options()
+    plain = [word for word in words if " " not in word]
+    database.insertString(" ".join(plain))
+    for name, value in zip(words, words[1:], strict=False):
+        if " " in value:
+            database.setValue(name.lstrip("-"), value)
+
+
+def _names(words):
+    """Return the full names that the words, options files and prefixes in them set, by letting PETSc read them apart."""
+    apart = _petsc().Options().create()
+    apart.insertString(" ".join(word for word in words if " " not in word))
+    names = set(apart.getAll())
+    apart.destroy()
+    return names
+
+
+def _suggestion(name):
+    prefixes = sorted(set(_defaults.values()))
+    for prefix in prefixes:
+        if name.startswith(prefix):
+            known = [full for full in _defaults if full.startswith(prefix)] + [prefix + suffix for suffix in COMMON]
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
+            return f"did you mean -{near[0]}?" if near else f"no solver with the prefix {prefix} knows it: remove it or see -help"
+    first, _, rest = name.partition("_")
+    near = difflib.get_close_matches(first + "_", prefixes, n=1, cutoff=0.5)
+    if near:
+        return f"did you mean -{near[0]}{rest}?"
+    return f"the prefixes here are {', '.join(prefixes) or '(none)'}: correct or remove it"

@@ -1,0 +1,175 @@
+"""Distributed matrices and solvers against dense linear algebra, on any number of ranks."""
+
+import numpy as np
+import pytest
+from linalg_model import ElasticBlock, FluidBlock
+from mpi4py import MPI
+
+from porofsi_petsc.errors import ConvergenceError
+from porofsi_petsc.linalg import options
+
+options.start()
+
+from porofsi_petsc.linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults  # noqa: E402
+from porofsi_petsc.linalg.solver import LinearSolver  # noqa: E402
+
+pytestmark = pytest.mark.mpi
+COMM = MPI.COMM_WORLD
+
+
+def gathered(array):
+    return np.concatenate(COMM.allgather(np.ravel(array)))
+
+
+def dense(mat):
+    indptr, indices, values = mat.getValuesCSR()
+    rows = np.zeros((len(indptr) - 1, mat.getSize()[1]))
+    np.add.at(rows, (np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)), indices), values)
+    return np.concatenate(COMM.allgather(rows))
+
+
+@pytest.mark.parametrize("empty_last_rank", [False, True])
+def test_matrix_equals_dense_assembly(empty_last_rank):
+    block = FluidBlock(COMM, 2, 4, has_auxiliary=True, empty_last_rank=empty_last_rank)
+    A = block.matrix("dense_")
+    expected = block.dense()
+    free = ~block.constrained
+    assert np.allclose(dense(A.mat)[np.ix_(free, free)], expected[np.ix_(free, free)], rtol=1e-12, atol=0)
+    A.destroy()
+
+
+def test_constrained_rows_carry_the_mean_diagonal_of_their_component():
+    block = FluidBlock(COMM, 2, 4, has_auxiliary=False)
+    A = block.matrix("diagonal_")
+    matrix, bs = dense(A.mat), block.block_size
+    for row in np.flatnonzero(block.constrained):
+        same = (np.arange(len(matrix)) % bs == row % bs) & ~block.constrained
+        assert matrix[row, row] == pytest.approx(np.abs(np.diag(matrix))[same].mean(), rel=1e-12)
+        assert np.count_nonzero(matrix[row]) == np.count_nonzero(matrix[:, row]) == 1
+    A.destroy()
+
+
+def test_assembly_replaces_the_values_bitwise():
+    block = FluidBlock(COMM, 2, 3, has_auxiliary=False)
+    A = block.matrix("replace_")
+    first = A.mat.getValuesCSR()[2].copy()
+    A.assemble(3.0 * block.element_matrices)
+    assert not np.array_equal(A.mat.getValuesCSR()[2], first) or first.size == 0
+    A.values[...] = block.element_matrices
+    A.assemble()
+    assert np.array_equal(A.mat.getValuesCSR()[2], first)
+    A.destroy()
+
+
+@pytest.mark.parametrize("dim, has_auxiliary", [(2, False), (2, True), (3, False), (3, True)])
+def test_fieldsplit_agrees_with_the_dense_solution(dim, has_auxiliary):
+    block = FluidBlock(COMM, dim, 6 if dim == 2 else 3, has_auxiliary=has_auxiliary)
+    A = block.matrix("fluid_")
+    rhs = block.load()
+    fields = fluid_fields(COMM, block.first_node, block.n_owned_nodes, dim, block.block_size)
+    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(dim, has_auxiliary, direct=False), fields=fields)
+    x, expected = gathered(solver.solve(rhs)), np.linalg.solve(dense(A.mat), gathered(rhs))
+    for component in range(block.block_size):  # rtol 1e-8 on a diagonally scaled system; the units do not mix any more
+        a, b = x[component :: block.block_size], expected[component :: block.block_size]
+        assert np.linalg.norm(a - b) < 1e-5 * np.linalg.norm(b)
+    assert solver.iterations_max <= 60
+    solver.destroy()
+    A.destroy()
+
+
+def elastic_solver(prefix, defaults):
+    block = ElasticBlock(COMM, 3, 4)
+    A = block.matrix(prefix)
+    A.declare_symmetric()
+    solver = LinearSolver(A.mat, prefix, defaults, near_nullspace=rigid_body_modes(block.X_owned, COMM))
+    return block, A, solver
+
+
+PYAMG = {"pc_type": "bjacobi", "sub_pc_type": "python", "sub_pc_python_type": "porofsi_petsc.linalg.pyamg_pc.PyAMG"}
+
+
+@pytest.mark.parametrize(
+    "name, defaults",
+    [
+        ("gamg", solid_defaults(3, direct=False)),
+        ("direct", solid_defaults(3, direct=True)),
+        ("hypre", solid_defaults(3, direct=False) | {"pc_type": "hypre"}),
+        ("pyamg", solid_defaults(3, direct=False) | PYAMG),
+    ],
+)
+def test_displacement_solvers_agree_with_the_dense_solution(name, defaults):
+    if name == "hypre" and not options.has_package("hypre"):
+        pytest.skip("PETSc without hypre")
+    if name == "pyamg":
+        pytest.importorskip("pyamg")
+    block, A, solver = elastic_solver(f"solid_{name}_", defaults)
+    x, expected = gathered(solver.solve(block.load())), np.linalg.solve(dense(A.mat), gathered(block.load()))
+    assert np.linalg.norm(x - expected) < 1e-5 * np.linalg.norm(expected)  # rtol 1e-8 times the condition number's root
+    assert solver.iterations_max <= 40
+    solver.destroy()
+    A.destroy()
+
+
+def test_rigid_body_modes_are_orthonormal_and_strain_free():
+    block = ElasticBlock(COMM, 3, 3, constrained=False)
+    A = block.matrix("rigid_")
+    modes = np.array([gathered(mode) for mode in rigid_body_modes(block.X_owned, COMM)])
+    assert modes.shape[0] == 6
+    assert np.allclose(modes @ modes.T, np.eye(6), atol=1e-12)
+    matrix = dense(A.mat)
+    assert np.abs(matrix @ modes.T).max() < 1e-10 * np.abs(matrix).max()
+    A.destroy()
+
+
+def test_preconditioner_is_kept_while_it_is_good_and_rebuilt_when_worn():
+    defaults = solid_defaults(3, direct=True) | {"ksp_type": "gmres", "ksp_rtol": 1e-10}
+    block, A, solver = elastic_solver("reuse_", defaults)
+    rhs = block.load()
+    solver.solve(rhs)
+    A.assemble(1.0001 * block.element_matrices)
+    solver.update()
+    solver.solve(rhs)
+    assert solver.factorizations == 1
+    A.assemble(block.softened())
+    solver.update()
+    solver.solve(rhs)  # many iterations with the old preconditioner
+    assert solver.factorizations == 1 and solver.iterations[-1] > 4
+    solver.update()
+    x = solver.solve(rhs)
+    assert solver.factorizations == 2 and solver.iterations[-1] <= 2
+    assert np.allclose(gathered(x), np.linalg.solve(dense(A.mat), gathered(rhs)), rtol=1e-6, atol=1e-12)
+    solver.destroy()
+    A.destroy()
+
+
+def test_direct_solver_factors_after_an_update_only():
+    block, A, solver = elastic_solver("factor_", solid_defaults(3, direct=True))
+    first = gathered(solver.solve(block.load()))
+    A.assemble(2.0 * block.element_matrices)
+    assert np.allclose(gathered(solver.solve(block.load())), first, rtol=1e-12)
+    solver.update()
+    assert np.allclose(gathered(solver.solve(block.load())), first / 2, rtol=1e-9)
+    assert (solver.solves, solver.factorizations) == (3, 2)
+    solver.refactor()
+    solver.solve(block.load())
+    assert solver.setup_time > 0 and solver.solve_time > 0
+    solver.destroy()
+    A.destroy()
+
+
+def test_failure_names_prefix_reason_and_hint():
+    block, A, solver = elastic_solver("poor_", {"ksp_type": "cg", "ksp_max_it": 2, "ksp_rtol": 1e-12, "pc_type": "none"})
+    with pytest.raises(ConvergenceError, match=r"poor_ .*DIVERGED_MAX_IT after 2 iterations.*-poor_ksp_monitor"):
+        solver.solve(block.load())
+    solver.destroy()
+    A.destroy()
+
+
+def test_nan_in_a_direct_solve_is_an_error():
+    block, A, solver = elastic_solver("nan_", solid_defaults(3, direct=True))
+    rhs = block.load()
+    rhs[:1] = np.nan
+    with pytest.raises(ConvergenceError, match="DIVERGED_NANORINF"):
+        solver.solve(rhs)
+    solver.destroy()
+    A.destroy()
