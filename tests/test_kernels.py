@@ -74,8 +74,8 @@ def flow_chunk(element, rng, mu, convection):
     points = lambda: 0.5 + rng.random((E, Q))  # noqa: E731
     hessian = shape_hessians(element, X) if element.order == 2 else None
     elements = flow.FlowElements(
-        N=rule.N, geometry=geometry(rule, X), n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), nu_lsic=points(),
-        tau_u=points(), hessian=hessian, convection=convection, order=element.order,
+        N=rule.N, geometry=geometry(rule, X), n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), tau_supg=points(),
+        nu_lsic=points(), tau_u=points(), hessian=hessian, convection=convection, order=element.order,
     )  # fmt: skip
     nodal = lambda *shape: rng.standard_normal((E, A, *shape))  # noqa: E731
     fields = dict(v=nodal(d), a=nodal(d), v_m=nodal(d), v_s=nodal(d), p=nodal(), p_n=nodal(), b=rng.standard_normal((E, Q, d)))

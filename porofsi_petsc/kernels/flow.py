@@ -27,7 +27,7 @@ class FlowElements:
     """Elements and coefficients of one chunk, frozen during an iteration.
 
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; viscosity n μ is formed from
-    `mu` [Pa s]; tau (E, Q) [m³ s/kg]; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg]; hessian (E, A, d, d) or None.
+    `mu` [Pa s]; tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg]; hessian (E, A, d, d) or None.
     """
 
     N: np.ndarray
@@ -37,6 +37,7 @@ class FlowElements:
     S: np.ndarray
     mu: float
     tau: np.ndarray
+    tau_supg: np.ndarray
     nu_lsic: np.ndarray
     tau_u: np.ndarray
     hessian: np.ndarray | None
@@ -109,7 +110,7 @@ def flow_residual(el, f):
         viscous = (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
         momentum[4] = test_gradient(G, dV, viscous)
     if el.convection:
-        supg = (el.tau * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
+        supg = (el.tau_supg * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
         lsic = el.n * el.nu_lsic * (div_vs + el.n * (div_v - div_vs))
         momentum[5] = test_gradient(G, dV, supg + lsic[..., None, None] * np.eye(d))
     volume = np.empty((len(VOLUME_TERMS), *f.p.shape))
@@ -150,7 +151,7 @@ def flow_tangent(el, f, c_f, components):
     Q = dV.shape[1]
     Gq = broadcast_gradient(G, Q)
     K = np.zeros((E, A, components, A, components))
-    rho, n, tau = el.rho * dV, el.n, el.tau
+    n = el.n
     advected = (Gq @ x.c[..., None])[..., 0] if el.convection else None  # c·∇N_b, (E, Q, A)
     strong = (el.rho * c_f + el.S)[..., None] * el.N  # scalar part of d r/d v
     if el.convection:
@@ -165,11 +166,11 @@ def flow_tangent(el, f, c_f, components):
     if el.mu and el.hessian is not None:
         strong = strong - (n * el.mu)[..., None] * np.einsum("eaii->ea", el.hessian)[:, None]
     if el.convection:
-        streamline = (tau * rho)[..., None] * advected
+        streamline = (el.tau_supg * el.rho * dV)[..., None] * advected
         scalar = scalar + bilinear(streamline, strong)
         _add_convection(K, el, x, Gq, full, streamline)
     add_isotropic(K, scalar, d)
-    pspg = (tau * n * dV)[..., None]
+    pspg = (el.tau * n * dV)[..., None]
     for j in range(d):
         K[:, :, j, :, d] = bilinear((n * dV)[..., None] * np.broadcast_to(el.N, (E, Q, A)), Gq[..., j])
         if el.convection:
@@ -178,7 +179,7 @@ def flow_tangent(el, f, c_f, components):
         if full is not None:
             for i in range(d):
                 K[:, :, d, :, j] += bilinear(pspg * Gq[..., i], full[..., i, j])
-    K[:, :, d, :, d] = laplacian(G, tau * n**2 * dV) + laplacian(undrained_gradient(el), el.tau_u * dV)
+    K[:, :, d, :, d] = laplacian(G, el.tau * n**2 * dV) + laplacian(undrained_gradient(el), el.tau_u * dV)
     return K
 
 
@@ -197,7 +198,7 @@ def _add_convection(K, el, x, Gq, full, streamline):
     """Add the Newton part of convection, the change of SUPG's test function and LSIC to K."""
     dV, N = el.geometry.dV, el.N
     newton = (el.rho * dV)[..., None] * N
-    supg = (el.tau * el.rho * dV)[..., None] * x.residual
+    supg = (el.tau_supg * el.rho * dV)[..., None] * x.residual
     lsic = el.n**2 * el.nu_lsic * dV
     values = np.broadcast_to(N, newton.shape)
     for i in range(Gq.shape[-1]):

@@ -1,0 +1,1 @@
+"""Coupling schemes over the phases; an accelerator sees vectors only."""

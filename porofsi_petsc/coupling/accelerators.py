@@ -1,0 +1,98 @@
+"""Accelerators of a fixed-point iteration x <- F(x): each sees vectors only and returns the next iterate.
+
+A vector is distributed, (n,) on every rank; `dot(a, b)` is the global inner product.
+"""
+
+import numpy as np
+
+
+class Plain:
+    """x_{k+1} = F(x_k)."""
+
+    def __init__(self, dot, relaxation=None):
+        """Take the inner product; there is nothing to relax."""
+        self._factor = 1.0
+
+    def restart(self):
+        """Forget the history: a new step, or another map."""
+
+    def next(self, x, F):
+        """Return the next iterate from x and F = F(x)."""
+        return x + self._factor * (F - x)
+
+
+class Constant(Plain):
+    """x_{k+1} = x_k + ω (F(x_k) - x_k)."""
+
+    def __init__(self, dot, relaxation=None):
+        """Take the inner product and ω (default 0.5)."""
+        self._factor = 0.5 if relaxation is None else relaxation
+
+
+class Aitken:
+    """Aitken's vector extrapolation, ω_{k+1} = -ω_k r_k·(r_{k+1} - r_k)/|r_{k+1} - r_k|² (Küttler & Wall 2008, eq. 44), guarded.
+
+    ω starts every step at its first value, so a step does not depend on the ones before, and is kept in
+    [LOWER, UPPER]: a factor near zero stalls, a negative or large one throws the iterate away.
+    """
+
+    LOWER, UPPER = 0.3, 1.6
+
+    def __init__(self, dot, relaxation=None):
+        """Take the inner product and the first ω (default 1)."""
+        self._dot, self._first = dot, 1.0 if relaxation is None else relaxation
+        self.restart()
+
+    def restart(self):
+        """Forget the history."""
+        self._omega, self._previous = self._first, None
+
+    def next(self, x, F):
+        """Return the next iterate from x and F = F(x)."""
+        residual = F - x
+        if self._previous is not None:
+            change = residual - self._previous
+            norm2 = self._dot(change, change)
+            if norm2 > 0:
+                omega = -self._omega * self._dot(self._previous, change) / norm2
+                self._omega = float(np.clip(omega, self.LOWER, self.UPPER))
+        self._previous = residual
+        return x + self._omega * residual
+
+
+class Anderson:
+    """Anderson mixing (Walker & Ni 2011): F minus the combination of past differences that minimizes the residual.
+
+    x_{k+1} = F_k - Σ_j γ_j ΔF_j, γ = argmin |r_k - Σ_j γ_j Δr_j|, over the last DEPTH differences; the least-squares problem is solved
+    through its Gram matrix with unit columns, singular values below CUTOFF dropped.
+    """
+
+    DEPTH, CUTOFF = 12, 1e-12
+
+    def __init__(self, dot, relaxation=None):
+        """Take the inner product and the factor of the first step (default 1)."""
+        self._dot, self._first = dot, 1.0 if relaxation is None else relaxation
+        self.restart()
+
+    def restart(self):
+        """Forget the history."""
+        self._last, self._changes = None, []
+
+    def next(self, x, F):
+        """Return the next iterate from x and F = F(x)."""
+        residual = F - x
+        if self._last is None:
+            self._last = residual, F
+            return x + self._first * residual
+        change = residual - self._last[0]
+        norm = np.sqrt(self._dot(change, change))
+        if norm > 0:
+            self._changes = [*self._changes, (change / norm, (F - self._last[1]) / norm)][-self.DEPTH :]
+        self._last = residual, F
+        gram = np.array([[self._dot(a, b) for b, _ in self._changes] for a, _ in self._changes])
+        right = np.array([self._dot(a, residual) for a, _ in self._changes])
+        gamma = np.linalg.lstsq(gram, right, rcond=self.CUTOFF)[0] if len(right) else []
+        return F - sum((g * change for g, (_, change) in zip(gamma, self._changes, strict=True)), np.zeros_like(F))
+
+
+ACCELERATORS = {"none": Plain, "constant": Constant, "aitken": Aitken, "anderson": Anderson}

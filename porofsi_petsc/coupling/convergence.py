@@ -1,0 +1,39 @@
+"""When a partitioned step is converged: the true residual of every field over the largest force of the step."""
+
+from ..errors import ConvergenceError
+
+# A force below this part of the largest one of the run is round-off: a field at rest needs no digits.
+FLOOR = 1e-9
+
+
+class Convergence:
+    """Residual norm of each field over the largest norm of a term of that field's balance in the step."""
+
+    def __init__(self, tolerance):
+        """Take the tolerance; `largest` (field -> norm) belongs to the run and to its checkpoints."""
+        self.tolerance, self.largest, self.history = tolerance, {}, []
+
+    def start_step(self):
+        """Forget the scales of the last step."""
+        self._scales, self.history = {}, []
+
+    def reached(self, norms):
+        """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance."""
+        errors = {}
+        for field, (residual, force) in norms.items():
+            self._scales[field] = max(force, self._scales.get(field, 0.0))
+            self.largest[field] = max(force, self.largest.get(field, 0.0))
+            scale = max(self._scales[field], FLOOR * self.largest[field])
+            errors[field] = residual / scale if residual else 0.0
+        self.history.append(errors)
+        return max(errors.values()) <= self.tolerance
+
+    def failure(self, t, step, advice):
+        """Return the ConvergenceError of a step that reached its cap."""
+        last = self.history[-1]
+        worst = max(last, key=last.get)
+        trail = ", ".join(f"{max(errors.values()):.1e}" for errors in self.history[:: max(1, len(self.history) // 8)])
+        return ConvergenceError(
+            f"coupling did not converge at t = {t:g} s (step {step}): {len(self.history) - 1} iterations, "
+            f"{worst} residual {last[worst]:.1e} > {self.tolerance:.0e} (history {trail}); {advice}"
+        )

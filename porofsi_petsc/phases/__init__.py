@@ -1,0 +1,1 @@
+"""The phases: the one place where physics meets PETSc."""

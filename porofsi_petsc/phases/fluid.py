@@ -1,0 +1,298 @@
+"""The interstitial fluid: stabilized equal-order velocity and pressure in ALE description, its own KSP, its own state."""
+
+import numpy as np
+
+from ..kernels import flow as kernel
+from ..kernels import stabilization
+from ..stopwatch import timed
+from .residual import Residual
+from .solid import body_acceleration
+from .tangent import TangentRule, with_ghosts
+from .transfer import Flow
+
+
+class FluidPhase:
+    """Solve momentum and volume balance for the phase velocity v_f and the pressure p on the mesh that the skeleton carries.
+
+    Arrays with ghosts: `v`, `a` (n_local, d), `p` (n_local,) of the accepted level n; `_v1`, `_a1`, `_p1` of the trial level.
+    """
+
+    prefix = "fluid_"
+
+    def __init__(self, setup):
+        """Take a `phases.setup.FluidSetup`: domain, materials, boundary data, options of the model and of the solver."""
+        self._setup = setup
+        self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
+        self.v, self.a = (np.zeros((self.mesh.n_local, self.mesh.dim)) for _ in range(2))
+        self.p = np.zeros(self.mesh.n_local)
+        self._rule = TangentRule(self._is_linear)
+        self._matrix = self._solver = self._parameters = self._parameters_of = None
+        self.assemblies = 0
+        self.reset()
+
+    @property
+    def _is_linear(self):
+        return not (self._setup.convection or self._setup.moving_mesh)
+
+    @property
+    def components(self):
+        """Return the unknowns per node in the matrix: v, p and, with inertia in the corrected split, the auxiliary field s."""
+        return self.mesh.dim + 1 + self._setup.has_auxiliary
+
+    def set_initial(self, velocity, pressure):
+        """Set velocity (n_local, d) and pressure (n_local,) at the start."""
+        self.v[:], self.p[:] = velocity, pressure
+        self._setup.velocity.apply(self.v, 0.0)
+        self.reset()
+
+    # -- one step ---------------------------------------------------------------------------------------------------------
+
+    def begin_step(self, scheme, rates, t, skeleton):
+        """Start a step from the accepted level at time t and the accepted skeleton: predictor, essential values, parameters."""
+        self.scheme = scheme
+        t_alpha = t + scheme.alpha_f * scheme.dt
+        self._v1 = scheme.predict(self.v, self.a, self.a) if self._setup.inertia else self.v.copy()
+        self._p1 = self.p.copy()
+        self._setup.velocity.apply(self._v1, t + scheme.dt)
+        column = self._p1[:, None]
+        self._setup.pressure.apply(column, t + scheme.dt)
+        self._update_rates()
+        self._flux = np.zeros((self.mesh.n_owned, 1))
+        for load in self._setup.fluxes:
+            load.add_to(self._flux, t_alpha)
+        shape = (self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim)
+        b = self._setup.body_force
+        self._b = body_acceleration(self.domain, b, t_alpha) if b else np.broadcast_to(0.0, shape)
+        self._update_parameters(rates, skeleton, self.v)
+
+    def _update_rates(self):
+        if self._setup.inertia:
+            self._a1, _ = self.scheme.rates(self._v1, self.v, self.a, self.a)
+
+    def _level(self, old, new):
+        return old + self.scheme.alpha_f * (new - old)
+
+    def flow(self):
+        """Return what the solid needs of the trial state on the collocation level."""
+        return Flow(self._level(self.v, self._v1), self._level(self.p, self._p1))
+
+    @property
+    def unknowns(self):
+        """Return the trial velocity and pressure on the owned nodes, (n_owned, d + 1)."""
+        n = self.mesh.n_owned
+        return np.column_stack([self._v1[:n], self._p1[:n]])
+
+    @unknowns.setter
+    def unknowns(self, owned):
+        n, d = self.mesh.n_owned, self.mesh.dim
+        both = np.empty((self.mesh.n_local, d + 1))
+        both[:n] = owned
+        self.mesh.halo.update(both)
+        self._v1, self._p1 = np.ascontiguousarray(both[:, :d]), np.ascontiguousarray(both[:, d])
+        self._update_rates()
+
+    def follow(self, skeleton):
+        """Give the nodes of no-slip walls the skeleton's velocity."""
+        wall = self._setup.no_slip
+        if self._setup.has_no_slip:
+            self._v1[wall] = skeleton.end_velocity[wall]
+            self._update_rates()
+
+    @timed("residual")
+    def residual(self, skeleton):
+        """Return the `Residual`s of momentum [N] and of the volume balance [m³/s] of the trial state on the skeleton."""
+        domain = self.domain
+        fields = self._trial_fields(skeleton)
+        shape = fields.v.shape
+        momentum = np.empty((len(kernel.MOMENTUM_TERMS), *shape))
+        volume = np.empty((len(kernel.VOLUME_TERMS), *shape[:2]))
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            momentum[:, chunk], volume[:, chunk] = kernel.flow_residual(elements, _part(fields, chunk))
+        momentum_terms = {name: domain.scatter_add(m) for name, m in zip(kernel.MOMENTUM_TERMS, momentum, strict=True)}
+        volume_terms = {name: domain.scatter_add(v) for name, v in zip(kernel.VOLUME_TERMS, volume, strict=True)}
+        volume_terms["flux"] = self._flux
+        comm = self.mesh.comm
+        return (
+            Residual(comm, momentum_terms, self._setup.velocity_free),
+            Residual(comm, volume_terms, self._setup.pressure.free),
+        )
+
+    @property
+    def _doubles_per_cell(self):
+        return (self.domain.cells.shape[1] * self.components) ** 2
+
+    def _acceleration(self):
+        if not self._setup.inertia:
+            return np.zeros_like(self.v)
+        return self.a + self.scheme.alpha_m * (self._a1 - self.a)
+
+    def _trial_fields(self, skeleton):
+        level = self._level
+        return self._fields(skeleton, level(self.v, self._v1), self._acceleration(), level(self.p, self._p1), self._b)
+
+    def _fields(self, skeleton, v, a, p, b):
+        gather = self.domain.gather
+        c = gather(v - skeleton.mesh_velocity)
+        return kernel.FlowFields(gather(v), gather(a), c, gather(skeleton.velocity), gather(p), gather(p - self.p), b)
+
+    # -- coefficients -----------------------------------------------------------------------------------------------------
+
+    def _update_parameters(self, rates, skeleton, v):
+        """Set τ, ν_L and c_v τ_u from the state at the start of the step; they are kept where nothing in them changes."""
+        if self._is_linear and self._parameters_of == rates:
+            return
+        domain, setup = self.domain, self._setup
+        shape = (domain.n_cells, len(domain.mass.weights))
+        tau, nu, tau_u = np.empty(shape), np.zeros(shape), np.empty(shape)
+        c = domain.gather(v - skeleton.mesh_velocity)
+        for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * self.mesh.dim):
+            material, configuration = setup.materials[region], skeleton.configuration
+            J, G, h = configuration.J[chunk], configuration.geometry.G[chunk], domain.h[chunk]
+            n = material.fluid_fraction(J)
+            rho = n * material.rho_fR
+            convective = stabilization.convective_scale(domain.mass.N, G, rho, c[chunk]) if setup.convection else 0.0
+            transient = 2 * rho / self.scheme.dt if setup.inertia else 0.0
+            viscous = 4 * n * material.viscosity / h[:, None] ** 2
+            tau[chunk] = setup.pspg * stabilization.momentum_tau(transient, material.drag(J), viscous, convective)
+            if setup.convection and setup.lsic:
+                nu[chunk] = stabilization.lsic_viscosity(domain.mass.N, rho, c[chunk], h)
+            rho_total = material.rho_s + (1 - material.n_s0) * material.rho_fR
+            compliance = stabilization.undrained_tau(material.elastic.oedometer_modulus, h, rates.c_a, rho_total)
+            tau_u[chunk] = setup.undrained * rates.c_v * compliance[:, None]
+        self._parameters, self._parameters_of = (tau, nu, tau_u), rates
+
+    def _elements(self, region, chunk, configuration):
+        material, setup = self._setup.materials[region], self._setup
+        J = configuration.J[chunk]
+        n = material.fluid_fraction(J)
+        tau, nu, tau_u = (parameter[chunk] for parameter in self._parameters)
+        return kernel.FlowElements(
+            N=self.domain.mass.N,
+            geometry=configuration.geometry.part(chunk),
+            n=n,
+            rho=n * material.rho_fR,
+            S=material.drag(J),
+            mu=material.viscosity,
+            tau=tau,
+            tau_supg=setup.supg * tau,
+            nu_lsic=nu,
+            tau_u=tau_u,
+            hessian=None if configuration.hessian is None else configuration.hessian[chunk],
+            convection=setup.convection,
+            order=self.domain.element.order,
+        )
+
+    # -- tangent ----------------------------------------------------------------------------------------------------------
+
+    def prepare_tangent(self, rates, iterations, skeleton):
+        """Renew the lagged tangent where its rule asks for it; called after `begin_step`, with the accepted skeleton."""
+        if self._rule.due(rates, iterations):
+            point = {"v": self.v, "a": self.a, "p": self.p, "skeleton_u": skeleton.displacement, "skeleton_v": skeleton.velocity}
+            self._rule.store(rates, point)
+            self._assemble(skeleton, rates, self._fields(skeleton, self.v, self.a, self.p, 0 * self._b))
+
+    def renew_tangent(self, rates, skeleton):
+        """Assemble the tangent at the trial state (full Newton)."""
+        self._rule.forget()
+        self._assemble(skeleton, rates, self._trial_fields(skeleton))
+
+    def expire_tangent(self):
+        """Ask for a new tangent at the start of the next step."""
+        self._rule.forget()
+
+    def correct(self, residuals):
+        """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
+        momentum, volume = residuals
+        n, d = self.mesh.n_owned, self.mesh.dim
+        rhs = np.zeros((n, self.components))
+        rhs[:, :d], rhs[:, d : d + 1] = -momentum.total, -volume.total
+        increment = self._solver.solve(rhs.ravel()).reshape(n, self.components)[:, : d + 1]
+        self.unknowns = self.unknowns + increment / self.scheme.alpha_f
+
+    @timed("assembly")
+    def _assemble(self, skeleton, rates, fields):
+        if self._matrix is None:
+            self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.mask)
+        domain, m = self.domain, self.components
+        values = self._matrix.values.reshape(domain.n_cells, *(2 * (domain.cells.shape[1], m)))
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            values[chunk] = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, m)
+            if self._setup.split == "corrected":
+                self._add_skeleton_answer(values[chunk], elements, self._setup.materials[region], rates)
+        self._matrix.assemble()
+        self.assemblies += 1
+        if self._solver is None:
+            self._solver = self._setup.new_solver(self._matrix, self.components)
+        self._solver.refactor()
+
+    def _add_skeleton_answer(self, values, elements, material, rates):
+        """Add the inertia-aware fixed-stress term with α = n_s + χ n_f, the part of the pressure gradient that the skeleton feels."""
+        chi = rates.dragged_fraction(elements.S, elements.rho)
+        alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
+        inertia = rates.moving_inertia(elements.S, material.rho_s, elements.rho) if self._setup.has_auxiliary else 1.0
+        kernel.add_skeleton_answer(values, elements, alpha2_cv / material.elastic.oedometer_modulus, alpha2_cv / inertia)
+
+    @property
+    def solver(self):
+        """Return the `LinearSolver`, None before the first tangent."""
+        return self._solver
+
+    # -- end of a step ----------------------------------------------------------------------------------------------------
+
+    def accept(self):
+        """Make the trial state the accepted one."""
+        self.last_acceleration = (self._v1 - self.v) / self.scheme.dt
+        self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), self._p1.copy()
+
+    def reset(self):
+        """Forget the trial state."""
+        self._v1, self._a1, self._p1 = self.v.copy(), self.a.copy(), self.p.copy()
+
+    def state(self):
+        """Return every array a restart needs, name -> (n_owned, ...)."""
+        n = self.mesh.n_owned
+        return {"v": self.v[:n], "a": self.a[:n], "p": self.p[:n]} | self._rule.state(n)
+
+    def memory(self):
+        """Return the numbers a restart needs beside the arrays."""
+        return self._rule.memory()
+
+    def load_state(self, arrays, memory, scheme, rates, skeleton_at):
+        """Continue from `state` and `memory`; a tangent that fits the rates of the next step is made again where it was.
+
+        scheme : of the next step; skeleton_at(u, v) : `SolidPhase.skeleton_at`.
+        """
+        self.v, self.a, self.p = (with_ghosts(self.mesh, arrays[name]) for name in ("v", "a", "p"))
+        self.reset()
+        point = self._rule.load(arrays, memory, self.mesh)
+        if point is None or self._rule.rates != rates:
+            self._rule.forget()
+            return
+        self.scheme, zero = scheme, np.zeros_like(self.v)
+        skeleton = skeleton_at(point.get("skeleton_u", zero), point.get("skeleton_v", zero))
+        v, a, p = (point.get(name, getattr(self, name)) for name in ("v", "a", "p"))
+        self._update_parameters(rates, skeleton, v)
+        no_body = np.zeros((self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim))
+        self._assemble(skeleton, rates, self._fields(skeleton, v, a, p, no_body))
+
+    # -- measures ---------------------------------------------------------------------------------------------------------
+
+    def kinetic_energy(self, skeleton):
+        """Return ∫ ρ_f |v_f|²/2 of the accepted state [J] (collective)."""
+        if not self._setup.inertia:
+            return 0.0
+        domain, v = self.domain, self.domain.gather(self.v)
+        kinetic = np.zeros(domain.n_cells)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material, J = self._setup.materials[region], skeleton.configuration.J[chunk]
+            rho = material.fluid_fraction(J) * material.rho_fR
+            speed2 = ((domain.mass.N @ v[chunk]) ** 2).sum(axis=-1)
+            kinetic[chunk] = 0.5 * (rho * speed2 * skeleton.configuration.geometry.dV[chunk]).sum(axis=1)
+        return domain.sum_owned(kinetic)
+
+
+def _part(fields, chunk):
+    """Return the fields of a slice of the elements."""
+    return type(fields)(**{name: value[chunk] for name, value in vars(fields).items()})

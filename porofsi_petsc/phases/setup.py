@@ -1,0 +1,100 @@
+"""What a phase is made of: domain, materials, boundary data, terms of the model, and how its matrix and its KSP are made."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..fem.boundary import Dirichlet
+from ..fem.domain import Domain
+from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
+from ..linalg.matrix import CooMatrix
+from ..linalg.solver import LinearSolver
+from ..stopwatch import Stopwatch
+
+
+@dataclass(frozen=True)
+class PhaseSetup:
+    """Common to both phases.
+
+    materials : dict region -> PorousMaterial; body_force : dict component -> expression of b [m/s²];
+    split : "corrected" or "plain"; direct : whether the default solver is a factorization; stopwatch : where its time is counted
+    """
+
+    domain: Domain
+    materials: dict
+    body_force: dict
+    inertia: bool
+    moving_mesh: bool
+    split: str
+    direct: bool
+    stopwatch: Stopwatch
+
+    def new_matrix(self, prefix, components, mask):
+        """Return the empty matrix of a nodal field with m components, prescribed where mask (n_local, m) is true."""
+        mesh, cells = self.domain.mesh, self.domain.cells
+        dofs = (mesh.numbering[cells][..., None] * components + np.arange(components)).reshape(len(cells), -1)
+        owned = np.repeat(cells < mesh.n_owned, components, axis=1)
+        constrained = mask[cells].reshape(len(cells), -1)
+        return CooMatrix(mesh.comm, mesh.n_owned * components, dofs, owned, constrained, components, prefix)
+
+
+@dataclass(frozen=True)
+class SolidSetup(PhaseSetup):
+    """The skeleton: essential displacement and surface tractions of the mixture [Pa]."""
+
+    dirichlet: Dirichlet
+    loads: tuple
+    with_hessian: bool
+
+    def new_solver(self, matrix):
+        """Return the KSP of the block; its matrix is symmetric positive definite up to the state's geometric stiffness."""
+        mesh = self.domain.mesh
+        matrix.declare_symmetric()
+        modes = rigid_body_modes(mesh.X[: mesh.n_owned], mesh.comm)
+        return LinearSolver(matrix.mat, "solid_", solid_defaults(mesh.dim, self.direct), near_nullspace=modes)
+
+
+@dataclass(frozen=True)
+class FluidSetup(PhaseSetup):
+    """The fluid: essential velocity and pressure, seepage fluxes [m/s], walls without slip, stabilization.
+
+    no_slip : (n_local,) bool, nodes with v_f = v_s; traction_nodes : (n_local,) bool, nodes of surfaces whose normal
+    displacement is not prescribed, where the total stress and so the auxiliary field s is known
+    """
+
+    velocity: Dirichlet
+    pressure: Dirichlet
+    fluxes: tuple
+    no_slip: np.ndarray
+    traction_nodes: np.ndarray
+    has_auxiliary: bool
+    convection: bool
+    pspg: bool
+    supg: bool
+    lsic: bool
+    undrained: bool
+
+    @cached_property
+    def has_no_slip(self):
+        """Return whether this rank has a wall without slip."""
+        return bool(self.no_slip.any())
+
+    @cached_property
+    def mask(self):
+        """Return where (v, p[, s]) is prescribed, (n_local, m) bool."""
+        velocity = self.velocity.mask | self.no_slip[:, None]
+        auxiliary = [self.traction_nodes] if self.has_auxiliary else []
+        return np.column_stack([velocity, self.pressure.mask, *auxiliary])
+
+    def velocity_free(self, owned):
+        """Return a copy of (n_owned, d) whose prescribed rows, walls included, are zero."""
+        n, d = owned.shape
+        return np.where(self.mask[:n, :d], 0.0, owned)
+
+    def new_solver(self, matrix, components):
+        """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner."""
+        mesh = self.domain.mesh
+        fields = fluid_fields(mesh.comm, mesh.first, mesh.n_owned, mesh.dim, components)
+        defaults = fluid_defaults(mesh.dim, self.has_auxiliary, self.direct)
+        return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields)

@@ -1,0 +1,260 @@
+"""The skeleton: positional finite elements, its own KSP, its own state."""
+
+import numpy as np
+
+from ..fem.domain import Configuration
+from ..kernels import solid as kernel
+from ..kernels.assemble import add_isotropic, mass_matrix
+from ..linalg.matrix import CooMatrix
+from ..linalg.solver import LinearSolver
+from ..stopwatch import timed
+from .residual import Residual
+from .tangent import TangentRule, with_ghosts
+from .transfer import Skeleton
+
+
+class SolidPhase:
+    """Solve ρ_s a = Div P + pressure + drag + ρ_s b for the positions y = X + u.
+
+    The displacement u is stored instead of y, so that round-off is relative to the motion.  Arrays (n_local, d), ghosts
+    included: `u`, `v`, `a` of the accepted level n; `_u1`, `_v1`, `_a1` of the trial level n + 1.
+    """
+
+    prefix = "solid_"
+
+    def __init__(self, setup):
+        """Take a `phases.setup.SolidSetup`: domain, materials, boundary data, options of the model and of the solver."""
+        self._setup = setup
+        self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
+        shape = (self.mesh.n_local, self.mesh.dim)
+        self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
+        self._rule = TangentRule(self._is_linear)
+        self._matrix = self._solver = self._configuration = None
+        self._reference = Configuration.at(self.domain, self.mesh.X, setup.with_hessian)
+        self.assemblies = 0
+
+    @property
+    def _is_linear(self):
+        return all(m.elastic.small_strain for m in self._setup.materials.values()) and not self._setup.moving_mesh
+
+    def set_initial(self, displacement, velocity):
+        """Set displacement and velocity at the start, both (n_local, d)."""
+        self.u[:], self.v[:] = displacement, velocity
+        self._setup.dirichlet.apply(self.u, 0.0)
+        self.reset()
+
+    # -- one step ---------------------------------------------------------------------------------------------------------
+
+    def begin_step(self, scheme, t):
+        """Start a step from the accepted level at time t: predictor, essential values and loads of the new level."""
+        self.scheme = scheme
+        t_alpha = t + scheme.alpha_f * scheme.dt
+        self._u1 = scheme.predict(self.u, self.v, self.a)
+        self._setup.dirichlet.apply(self._u1, t + scheme.dt)
+        self._update_rates()
+        self._traction = np.zeros((self.mesh.n_owned, self.mesh.dim))
+        for load in self._setup.loads:
+            load.add_to(self._traction, t_alpha)
+        self._body = self._body_vector(t_alpha)
+
+    def _update_rates(self):
+        self._v1, self._a1 = self.scheme.rates(self._u1, self.u, self.v, self.a)
+        self._configuration = None
+
+    @property
+    def _u_alpha(self):
+        return self.u + self.scheme.alpha_f * (self._u1 - self.u)
+
+    @property
+    def velocity(self):
+        """Return the velocity on the collocation level, (n_local, d) [m/s]."""
+        return self.scheme.velocity_level(self.v, self._v1)
+
+    def skeleton(self):
+        """Return what the fluid needs of the trial state; raises ConvergenceError when an element is inverted."""
+        if self._configuration is None:
+            self._configuration = self._configuration_at(self._u_alpha)
+        return Skeleton(self._configuration, self.velocity, self._v1, self._u_alpha, self._setup.moving_mesh)
+
+    def skeleton_at(self, u, v):
+        """Return the same for a displacement and a velocity, both (n_local, d)."""
+        return Skeleton(self._configuration_at(u), v, v, u, self._setup.moving_mesh)
+
+    def accepted_skeleton(self):
+        """Return the same for the accepted state."""
+        return self.skeleton_at(self.u, self.v)
+
+    def _configuration_at(self, u):
+        if not self._setup.moving_mesh:
+            return self._reference
+        return Configuration.at(self.domain, self.mesh.X + u, self._setup.with_hessian)
+
+    @property
+    def unknowns(self):
+        """Return the trial displacement on the owned nodes, (n_owned, d) [m]."""
+        return self._u1[: self.mesh.n_owned]
+
+    @unknowns.setter
+    def unknowns(self, owned):
+        self._u1[: self.mesh.n_owned] = owned
+        self.mesh.halo.update(self._u1)
+        self._update_rates()
+
+    @timed("residual")
+    def residual(self, flow):
+        """Return the `Residual` of the trial state under the flow's pressure and drag [N]."""
+        domain, setup = self.domain, self._setup
+        configuration = self.skeleton().configuration
+        y = domain.gather(self.mesh.X + self._u_alpha)
+        p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
+        acceleration = domain.gather(self.scheme.acceleration_level(self.a, self._a1)) if setup.inertia else None
+        stress, pressure, drag = (np.empty(y.shape) for _ in range(3))
+        inertia = np.empty(y.shape) if setup.inertia else None
+        stiffness, reference = domain.reference_stiffness, domain.reference
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material, current = setup.materials[region], configuration.geometry.part(chunk)
+            stress[chunk] = kernel.stress_residual(stiffness.G[chunk], stiffness.dV[chunk], material.elastic, y[chunk])
+            pressure[chunk], drag[chunk] = kernel.coupling_residual(
+                domain.mass.N, current, material, configuration.J[chunk], p[chunk], w[chunk]
+            )
+            if setup.inertia:
+                inertia[chunk] = kernel.inertia_residual(domain.mass.N, reference.dV[chunk], material.rho_s, acceleration[chunk])
+        elements = {"stress": stress, "pressure": pressure, "drag": drag} | ({"inertia": inertia} if setup.inertia else {})
+        terms = {name: domain.scatter_add(vectors) for name, vectors in elements.items()}
+        terms |= {"body": self._body, "traction": -self._traction}
+        return Residual(self.mesh.comm, terms, setup.dirichlet.free)
+
+    @property
+    def _doubles_per_cell(self):
+        return (self.domain.cells.shape[1] * self.mesh.dim) ** 2
+
+    def _body_vector(self, t):
+        """Return -∫ ρ_s b·w dV0, (n_owned, d); zero without body force."""
+        if not self._setup.body_force:
+            return np.zeros((self.mesh.n_owned, self.mesh.dim))
+        domain = self.domain
+        b = body_acceleration(domain, self._setup.body_force, t)
+        vectors = np.empty((domain.n_cells, domain.cells.shape[1], self.mesh.dim))
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            rho_s = self._setup.materials[region].rho_s
+            vectors[chunk] = kernel.body_residual(domain.mass.N, domain.reference.dV[chunk], rho_s, b[chunk])
+        return domain.scatter_add(vectors)
+
+    # -- tangent ----------------------------------------------------------------------------------------------------------
+
+    def prepare_tangent(self, rates, iterations):
+        """Renew the lagged tangent where its rule asks for it; called at the start of a step with the last step's iterations."""
+        if self._rule.due(rates, iterations):
+            self._rule.store(rates, {"u": self.u})
+            self._assemble(self.u, self._configuration_at(self.u), rates)
+
+    def renew_tangent(self, rates):
+        """Assemble the tangent at the trial state (full Newton)."""
+        self._rule.forget()
+        self._assemble(self._u_alpha, self.skeleton().configuration, rates)
+
+    def expire_tangent(self):
+        """Ask for a new tangent at the start of the next step."""
+        self._rule.forget()
+
+    def correct(self, residual):
+        """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
+        increment = self._solver.solve(-residual.total.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
+        self.unknowns = self.unknowns + increment / self.scheme.alpha_f
+
+    @timed("assembly")
+    def _assemble(self, u, configuration, rates):
+        if self._matrix is None:
+            self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.dirichlet.mask)
+        domain, setup = self.domain, self._setup
+        y = domain.gather(self.mesh.X + u)
+        values = self._matrix.values.reshape(domain.n_cells, *(2 * (domain.cells.shape[1], self.mesh.dim)))
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material = setup.materials[region]
+            stiffness = domain.reference_stiffness.part(chunk)
+            values[chunk] = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, y[chunk])
+            weights = self._inertia_weights(material, configuration, chunk, rates)
+            if weights is not None:
+                add_isotropic(values[chunk], mass_matrix(domain.mass.N, weights), self.mesh.dim)
+        self._matrix.assemble()
+        self.assemblies += 1
+        if self._solver is None:
+            self._solver = self._setup.new_solver(self._matrix)
+        self._solver.refactor()
+
+    def _inertia_weights(self, material, configuration, chunk, rates):
+        """Return the mass of the tangent times dV, (E, Q), None without any.
+
+        Corrected split: ρ_χ c_a, the inertia with the fluid that is dragged along, the drag itself as a force.  Plain split
+        (the founding paper's block): ρ_s c_a and the derivative S c_v of the drag.
+        """
+        dV0, J = self.domain.reference.dV[chunk], configuration.J[chunk]
+        dV, S = configuration.geometry.dV[chunk], material.drag(J)
+        inertia = material.rho_s * rates.c_a * dV0
+        if self._setup.split == "plain":
+            return inertia + S * rates.c_v * dV
+        if not (rates.c_a or rates.c_f):
+            return None
+        rho_f = material.fluid_fraction(J) * material.rho_fR
+        return inertia + rates.moving_inertia(S, 0.0, rho_f) * dV
+
+    @property
+    def solver(self):
+        """Return the `LinearSolver`, None before the first tangent."""
+        return self._solver
+
+    # -- end of a step ----------------------------------------------------------------------------------------------------
+
+    def accept(self):
+        """Make the trial state the accepted one."""
+        self.last_acceleration = (self._v1 - self.v) / self.scheme.dt
+        self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
+
+    def reset(self):
+        """Forget the trial state."""
+        self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
+        self._configuration = None
+
+    def state(self):
+        """Return every array a restart needs, name -> (n_owned, d)."""
+        n = self.mesh.n_owned
+        return {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]} | self._rule.state(n)
+
+    def memory(self):
+        """Return the numbers a restart needs beside the arrays."""
+        return self._rule.memory()
+
+    def load_state(self, arrays, memory, rates):
+        """Continue from `state` and `memory`; a tangent that fits the rates of the next step is made again where it was."""
+        self.u, self.v, self.a = (with_ghosts(self.mesh, arrays[name]) for name in ("u", "v", "a"))
+        self.reset()
+        point = self._rule.load(arrays, memory, self.mesh)
+        if point is None or self._rule.rates != rates:
+            self._rule.forget()
+        else:
+            u = point.get("u", self.u)
+            self._assemble(u, self._configuration_at(u), rates)
+
+    # -- measures ---------------------------------------------------------------------------------------------------------
+
+    def energies(self):
+        """Return kinetic and elastic energy of the accepted state [J] (collective)."""
+        domain = self.domain
+        y, v = domain.gather(self.mesh.X + self.u), domain.gather(self.v)
+        kinetic, elastic = np.zeros(domain.n_cells), np.zeros(domain.n_cells)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
+            elastic[chunk] = kernel.stored_energy(stiffness.G, stiffness.dV, material.elastic, y[chunk])
+            speed2 = ((domain.mass.N @ v[chunk]) ** 2).sum(axis=-1)
+            kinetic[chunk] = 0.5 * material.rho_s * (speed2 * domain.reference.dV[chunk]).sum(axis=1)
+        return domain.sum_owned(kinetic) if self._setup.inertia else 0.0, domain.sum_owned(elastic)
+
+
+def body_acceleration(domain, expressions, t):
+    """Return b at the quadrature points, (E, Q, d) [m/s²], from dict component -> expression of the reference position."""
+    points = (domain.mass.N @ domain.gather(domain.mesh.X)).reshape(-1, domain.dim)
+    b = np.zeros_like(points)
+    for component, expression in expressions.items():
+        b[:, component] = expression(t, points)
+    return b.reshape(domain.n_cells, -1, domain.dim)

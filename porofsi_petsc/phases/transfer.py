@@ -1,0 +1,54 @@
+"""What the phases tell each other on the collocation level of a step; a phase knows of the other nothing else."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fem.domain import Configuration
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """From the solid to the fluid: configuration of the mesh and v_s on the collocation level, (n_local, d) [m/s].
+
+    end_velocity : v_s on the new level, which no-slip walls prescribe; displacement (n_local, d) [m] belongs to the configuration.
+    """
+
+    configuration: Configuration
+    velocity: np.ndarray
+    end_velocity: np.ndarray
+    displacement: np.ndarray
+    moving_mesh: bool
+
+    @property
+    def mesh_velocity(self):
+        """Return v_m, (n_local, d): the skeleton's velocity, or zero on a fixed mesh."""
+        return self.velocity if self.moving_mesh else np.zeros_like(self.velocity)
+
+
+@dataclass(frozen=True)
+class Flow:
+    """From the fluid to the solid: phase velocity v_f (n_local, d) [m/s] and pressure p (n_local,) [Pa]."""
+
+    velocity: np.ndarray
+    pressure: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How much of each phase follows the other within a step: the tangents of the corrected split need both sides.
+
+    c_f, c_v, c_a : d a_f/d v_f, d v_s/d y, d a_s/d y on the collocation level; 0 where that inertia is left out.
+    """
+
+    c_f: float
+    c_v: float
+    c_a: float
+
+    def dragged_fraction(self, S, rho_f):
+        """Return χ = S/(S + ρ_f c_f): the part of the fluid that the drag carries along (0 free, 1 undrained)."""
+        return S / (S + rho_f * self.c_f)
+
+    def moving_inertia(self, S, rho_s, rho_f):
+        """Return ρ_χ c_a = ρ_s c_a + χ ρ_f c_f c_v [kg/(m³ s²)], the inertia that a compression wave moves."""
+        return rho_s * self.c_a + self.dragged_fraction(S, rho_f) * rho_f * self.c_f * self.c_v

@@ -1,0 +1,88 @@
+"""Energy balance of a run: what the loads did, where it is, and what dissipated it.
+
+With the residuals of both phases tested by their collocated velocities and pressure, every converged step satisfies
+
+    P_external = P_inertia + P_stress + D_drag + D_viscous + D_stabilization      (pressure and volume balance cancel)
+
+to solver tolerance.  The time scheme's own dissipation is Δt (P_inertia + P_stress) - Δ(kinetic + elastic energy); with finite
+strain it holds the transport of fluid through the boundary as well.
+"""
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass
+class Energy:
+    """Sums since the start and present energies [J, in 2-D per metre of thickness]."""
+
+    external_work: float = 0.0
+    kinetic: float = 0.0
+    elastic: float = 0.0
+    drag_dissipation: float = 0.0
+    viscous_dissipation: float = 0.0
+    stabilization_dissipation: float = 0.0
+    time_scheme_dissipation: float = 0.0
+    initial: float = 0.0
+    largest_work: float = 0.0
+
+    def start(self, kinetic, elastic):
+        """Set the energies of the initial state."""
+        self.kinetic, self.elastic, self.initial = kinetic, elastic, kinetic + elastic
+
+    def add_step(self, dt, powers, kinetic, elastic):
+        """Add an accepted step: powers as `step_powers` gives them, energies at its end."""
+        stored = dt * powers["stored"]
+        self.external_work += dt * powers["external"]
+        self.drag_dissipation += dt * powers["drag"]
+        self.viscous_dissipation += dt * powers["viscous"]
+        self.stabilization_dissipation += dt * powers["stabilization"]
+        self.time_scheme_dissipation += stored - (kinetic + elastic - self.kinetic - self.elastic)
+        self.kinetic, self.elastic = kinetic, elastic
+        self.largest_work = max(self.largest_work, abs(self.external_work))
+
+    @property
+    def balance_error(self):
+        """Return external work minus change of energy minus all dissipations [J]."""
+        dissipated = self.drag_dissipation + self.viscous_dissipation + self.stabilization_dissipation + self.time_scheme_dissipation
+        return self.external_work - (self.kinetic + self.elastic - self.initial) - dissipated
+
+    def report(self):
+        """Return the entries of the summary."""
+        scale = max(self.largest_work, abs(self.initial), self.kinetic + self.elastic)
+        names = [
+            "external_work",
+            "kinetic",
+            "elastic",
+            "drag_dissipation",
+            "viscous_dissipation",
+            "stabilization_dissipation",
+            "time_scheme_dissipation",
+        ]
+        errors = {"balance_error": self.balance_error, "balance_error_relative": abs(self.balance_error) / scale if scale else 0.0}
+        return {name: getattr(self, name) for name in names} | errors
+
+    def state(self):
+        """Return the numbers a restart needs."""
+        return asdict(self)
+
+    def load(self, state):
+        """Continue from `state`."""
+        vars(self).update(state)
+
+
+def step_powers(solid_residual, fluid_residuals, v_s, v_f, p):
+    """Return the powers of a converged step [W]; v_s, v_f (n_owned, d), p (n_owned, 1) on the collocation level (collective).
+
+    The power of what holds prescribed values (reactions) belongs to the external one.
+    """
+    momentum, volume = fluid_residuals
+    solid, fluid, mass = solid_residual.power(v_s), momentum.power(v_f), volume.power(p)
+    reactions = solid_residual.reaction_power(v_s) + momentum.reaction_power(v_f) + volume.reaction_power(p)
+    external = reactions - solid["traction"] - solid["body"] - fluid["body"] - mass["flux"]
+    return {
+        "external": external,
+        "stored": solid["stress"] + solid.get("inertia", 0.0) + fluid["inertia"],
+        "drag": solid["drag"] + fluid["drag"],
+        "viscous": fluid["viscous"],
+        "stabilization": fluid["stabilization"] + mass["pspg"] + mass["undrained"],
+    }

@@ -1,0 +1,151 @@
+"""The time loop: steps with cuts, what happens after each of them, and a stop on demand."""
+
+import signal
+import time
+
+from ..clock import backward_euler, first_order, second_order
+from ..errors import ConvergenceError, Stopped
+from ..linalg.options import check_options
+from ..log import logger
+from ..phases.transfer import Rates
+from .energy import step_powers
+
+ABSENT_PREFIXES = ("mesh_",)  # solvers that no porous scene has; their options may stand in a shared options file
+SNAP = 1e-9  # a step that ends this close (in steps) to a multiple of the step, or to the end, ends there
+
+
+class Clock:
+    """Present time, accepted steps, and the size of the next step."""
+
+    def __init__(self, section):
+        """Start at t = 0 with the [time] section of the scene."""
+        self._section = section
+        self.t, self.step, self.cuts, self.nominal = 0.0, 0, 0, section.step
+
+    @property
+    def finished(self):
+        """Return whether the end is reached."""
+        return self.t >= self._section.end
+
+    def next_target(self):
+        """Return the end of the next nominal step [s], which may be the end of the run."""
+        end = self._section.end
+        target = self.t + self.nominal
+        multiple = round(target / self.nominal) * self.nominal
+        if abs(target - multiple) < SNAP * self.nominal:
+            target = multiple
+        return end if target > end - SNAP * self.nominal else target
+
+    def size_to(self, target):
+        """Return the step size to the target: the nominal one, to the last digit, wherever it fits."""
+        rest = target - self.t
+        return self.nominal if abs(rest - self.nominal) < 2 * SNAP * self.nominal else rest
+
+    def grow(self):
+        """Enlarge the nominal step for the next one."""
+        limit = self._section.max_step or float("inf")
+        self.nominal = min(self.nominal * self._section.growth, max(limit, self._section.step))
+
+    def next_schemes(self, model):
+        """Return `schemes` for the next nominal step."""
+        return self.schemes(model, self.size_to(self.next_target()))
+
+    def schemes(self, model, dt):
+        """Return the time schemes of solid and fluid for a step of size dt, and their `Rates`."""
+        section = self._section
+        if section.scheme == "backward_euler":
+            solid = fluid = backward_euler(dt)
+        else:
+            fluid = first_order(section.rho_inf, dt)
+            solid = second_order(section.rho_inf, dt) if model.solid_inertia else fluid
+        rates = Rates(fluid.c_v if model.fluid_inertia else 0.0, solid.c_v, solid.c_a)
+        return (solid, fluid), rates
+
+    def state(self):
+        """Return the numbers a restart needs."""
+        return {"t": self.t, "step": self.step, "cuts": self.cuts, "nominal": self.nominal}
+
+    def load(self, state):
+        """Continue from `state`; a scene without growth keeps its own step size."""
+        self.t, self.step, self.cuts = state["t"], state["step"], state["cuts"]
+        if self._section.growth > 1:
+            self.nominal = state["nominal"]
+
+
+class StopRequest:
+    """A signal or the time limit asks for a checkpoint and an end; all ranks agree after each step."""
+
+    def __init__(self, comm, max_time):
+        """Install handlers for SIGTERM and SIGUSR1."""
+        self._comm, self._deadline = comm, time.monotonic() + max_time if max_time else None
+        self._received = 0
+        self._previous = {number: signal.signal(number, self._receive) for number in (signal.SIGTERM, signal.SIGUSR1)}
+
+    def _receive(self, number, frame):
+        self._received = number
+
+    def reason(self):
+        """Return why the run must stop, or an empty string (collective)."""
+        late = self._deadline is not None and time.monotonic() > self._deadline
+        received, late = max(self._comm.allgather((self._received, late)))
+        if received:
+            return f"signal {signal.Signals(received).name}"
+        return "the time limit --max-time" if any(self._comm.allgather(late)) else ""
+
+    def restore(self):
+        """Give the signals their former handlers."""
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+
+class TimeLoop:
+    """Advance a coupling to the end of the scene; `records` are told of every accepted step."""
+
+    def __init__(self, scene, coupling, energy, measures, records):
+        """Take what is advanced and what looks at it."""
+        self._scene, self._coupling, self._energy, self._measures, self._records = scene, coupling, energy, measures, records
+        self.clock = Clock(scene.time)
+        self.iterations = []
+
+    def run(self, stop):
+        """Advance to the end; raises ConvergenceError, InputError (a limit passed) or Stopped, each after a checkpoint."""
+        try:
+            while not self.clock.finished:
+                self._advance(self.clock.next_target())
+                self.clock.grow()
+                reason = stop.reason()
+                if reason and not self.clock.finished:
+                    raise Stopped(f"stopped by {reason} at t = {self.clock.t:g} s (step {self.clock.step}); restart from {self._records.checkpoint_path}")
+        except Exception:
+            self._records.checkpoint(self.clock, self.iterations)
+            raise
+
+    def _advance(self, target):
+        """Reach the target in one step, or in smaller ones when the coupling fails and the scene allows it."""
+        choice, halvings, dt = self._scene.coupling, 0, self.clock.size_to(target)
+        while self.clock.t < target:
+            try:
+                self._step(min(dt, self.clock.size_to(target)), target)
+            except ConvergenceError as error:
+                if choice.on_failure != "cut_step" or halvings == choice.max_cuts:
+                    raise
+                halvings, dt = halvings + 1, dt / 2
+                self.clock.cuts += 1
+                self._coupling.reset()
+                logger.info("step cut to %g s at t = %g s: %s", dt, self.clock.t, error)
+
+    def _step(self, dt, target):
+        clock, coupling = self.clock, self._coupling
+        schemes, rates = clock.schemes(self._scene.model, dt)
+        coupling.step(schemes, rates, clock.t, clock.step + 1)
+        powers = step_powers(*coupling.residuals, *coupling.collocated())
+        coupling.accept()
+        clock.t = target if abs(target - clock.t - dt) < SNAP * dt else clock.t + dt
+        clock.step += 1
+        self.iterations.append(coupling.iterations)
+        if len(self.iterations) == 1:
+            check_options(exempt_prefixes=ABSENT_PREFIXES)
+        self._energy.add_step(dt, powers, *coupling.energies())
+        self._measures.watch_pressure(coupling.fluid.p)
+        self._measures.watch_neglected(clock.t, coupling.solid, coupling.fluid, coupling.residuals)
+        self._records.after_step(clock, self.iterations)

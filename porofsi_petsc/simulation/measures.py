@@ -1,0 +1,226 @@
+"""What is looked at after a step: nodal output fields, the size of what the model leaves out, pressure oscillations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..fem.boundary import owned_nodes
+from ..kernels.solid import deformation_gradient
+from ..kernels.stabilization import convective_scale
+from ..tensors import det, transpose
+
+
+class NodalAverage:
+    """Average of element values over the elements of a node, weighted by their volume; exact for constants on any order."""
+
+    def __init__(self, domain):
+        """Prepare the weights."""
+        self._domain = domain
+        self._volume = domain.reference.dV.sum(axis=1)
+        self._total = domain.scatter_add(self._spread(np.ones((domain.n_cells, 1))))
+
+    def _spread(self, values):
+        A = self._domain.cells.shape[1]
+        return np.repeat((values * self._volume[:, None])[:, None], A, axis=1)
+
+    def __call__(self, cell_values):
+        """Return the nodal values (n_owned, k) of element values (E, k)."""
+        return self._domain.scatter_add(self._spread(cell_values)) / self._total
+
+
+@dataclass(frozen=True)
+class Omission:
+    """One term left out: its largest size so far, the bound of the scene (None: only reported) and what the number is."""
+
+    name: str
+    bound: float | None
+    meaning: str
+
+
+class Measures:
+    """Fields for output and sizes of neglected terms of the accepted state of a coupling."""
+
+    def __init__(self, scene, domain, materials):
+        """Prepare what the scene's model leaves out; `sizes` (name -> largest size) belongs to the run and its checkpoints."""
+        self._scene, self._domain, self._materials = scene, domain, materials
+        self._average = NodalAverage(domain)
+        self._omissions = list(_omissions(scene, materials))
+        self.sizes = {omission.name: 0.0 for omission in self._omissions}
+        self.roughness = self.largest_pressure = 0.0
+        self._interior = self._interior_nodes()
+
+    # -- fields -----------------------------------------------------------------------------------------------------------
+
+    def porosity(self, skeleton):
+        """Return n_f at the nodes, (n_owned, 1)."""
+        values = np.empty((self._domain.n_cells, 1))
+        for region, span in self._domain.region_slices.items():
+            if span.stop > span.start:
+                values[span, 0] = self._materials[region].fluid_fraction(skeleton.configuration.J[span]).mean(axis=1)
+        return self._average(values)
+
+    def stress(self, u):
+        """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy, yz, zz (plane strain in 2-D)."""
+        domain = self._domain
+        y = domain.gather(domain.mesh.X + u)
+        values = np.empty((domain.n_cells, 6))
+        for region, span in domain.region_slices.items():
+            F = _three_dimensional(deformation_gradient(domain.reference_stiffness.G[span], y[span]))
+            law = self._materials[region].elastic
+            P = law.stress(F)
+            cauchy = P if law.small_strain else (P @ transpose(F)) / det(F)[..., None, None]
+            mean = cauchy.mean(axis=1)
+            values[span] = np.stack([mean[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1)
+        return self._average(values)
+
+    # -- oscillation ------------------------------------------------------------------------------------------------------
+
+    def _interior_nodes(self):
+        interior = np.ones(self._domain.n_owned, dtype=bool)
+        for tag in self._domain.mesh.facets:
+            interior[owned_nodes(self._domain.mesh, tag)] = False
+        return interior
+
+    def watch_pressure(self, p):
+        """Record |p - p̄| and |p| over interior nodes (Euclidean), p̄ the volume-weighted average over the elements of a node."""
+        local = self._average(self._domain.gather(p).mean(axis=1, keepdims=True))[:, 0]
+        mine = p[: self._domain.n_owned]
+        rough = (mine - local)[self._interior]
+        squares = self._domain.mesh.comm.allreduce(np.array([np.vdot(rough, rough), np.vdot(mine, mine)]))
+        self.roughness = max(self.roughness, float(np.sqrt(squares[0])))
+        self.largest_pressure = max(self.largest_pressure, float(np.sqrt(squares[1])))
+
+    @property
+    def oscillation_indicator(self):
+        """Return the largest |p - p̄| over the largest |p| of the run."""
+        return self.roughness / self.largest_pressure if self.largest_pressure else 0.0
+
+    # -- neglected terms --------------------------------------------------------------------------------------------------
+
+    def watch_neglected(self, t, solid, fluid, residuals):
+        """Update the sizes of the neglected terms; raises InputError when one passes its bound (collective)."""
+        found = {
+            "strain": lambda: self._largest_strain(solid.u),
+            "mesh_displacement": lambda: self._mesh_displacement(solid.u),
+            "reynolds": lambda: self._reynolds(fluid),
+            "inertia": lambda: self._inertia(solid, fluid, residuals),
+            "porosity_change": lambda: self._porosity_change(solid.u),
+            "viscosity": lambda: self._brinkman_ratio(),
+        }
+        for omission in self._omissions:
+            size = self.sizes[omission.name] = max(self.sizes[omission.name], found[omission.name]())
+            if omission.bound is not None and size > omission.bound:
+                raise InputError(
+                    f"[limits] {omission.name}: at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning}); "
+                    f'model it, or set limits.{omission.name} to a larger bound or to "report"'
+                )
+
+    def neglected(self):
+        """Return name -> value, bound, meaning for the summary."""
+        return {o.name: {"value": self.sizes[o.name], "bound": o.bound, "meaning": o.meaning} for o in self._omissions}
+
+    def state(self):
+        """Return the numbers a restart needs."""
+        return {"sizes": self.sizes, "roughness": self.roughness, "largest_pressure": self.largest_pressure}
+
+    def load(self, state):
+        """Continue from `state`; sizes of terms that are modelled now are dropped."""
+        self.sizes.update({name: size for name, size in state["sizes"].items() if name in self.sizes})
+        self.roughness, self.largest_pressure = state["roughness"], state["largest_pressure"]
+
+    def _maximum(self, cell_values):
+        local = float(cell_values.max()) if cell_values.size else 0.0
+        return max(self._domain.mesh.comm.allgather(local))
+
+    def _gradients(self, u):
+        domain = self._domain
+        return deformation_gradient(domain.reference_stiffness.G, domain.gather(domain.mesh.X + u))
+
+    def _largest_strain(self, u):
+        F = self._gradients(u)
+        E = (transpose(F) @ F - np.eye(F.shape[-1])) / 2
+        return self._maximum(np.sqrt(np.einsum("...ij,...ij->...", E, E)))
+
+    def _mesh_displacement(self, u):
+        length = np.linalg.norm(self._domain.gather(u), axis=-1).max(axis=1)
+        return self._maximum(length / self._domain.h)
+
+    def _reynolds(self, fluid):
+        domain, N = self._domain, self._domain.mass.N
+        sizes = np.zeros(domain.n_cells)
+        v = domain.gather(fluid.v)
+        for region, span in domain.region_slices.items():
+            material, J = self._materials[region], np.ones((span.stop - span.start, len(N)))
+            rho = material.fluid_fraction(J) * material.rho_fR
+            viscous = 4 * material.fluid_fraction(J) * material.viscosity / domain.h[span, None] ** 2
+            resistance = material.drag(J) + viscous + (rho * fluid.scheme.c_v if self._scene.model.fluid_inertia else 0.0)
+            sizes[span] = (convective_scale(N, domain.reference.G[span], rho, v[span]) / resistance).max(axis=1, initial=0.0)
+        return self._maximum(sizes)
+
+    def _inertia(self, solid, fluid, residuals):
+        """Return the norm of lumped mass times the velocity increments over the largest force of the step."""
+        solid_residual, (momentum, _) = residuals
+        model, size = self._scene.model, 0.0
+        for modelled, rate, residual, mass in (
+            (model.solid_inertia, solid.last_acceleration, solid_residual, lambda m: m.rho_s),
+            (model.fluid_inertia, fluid.last_acceleration, momentum, lambda m: (1 - m.n_s0) * m.rho_fR),
+        ):
+            if not modelled:
+                force = self._lumped_mass(mass)[:, None] * rate[: self._domain.n_owned]
+                largest = residual.norms()[1]
+                norm = np.sqrt(self._domain.mesh.comm.allreduce(float(np.vdot(force, force))))
+                size = max(size, norm / largest if largest else 0.0)
+        return size
+
+    def _lumped_mass(self, density):
+        domain = self._domain
+        weights = np.zeros(domain.n_cells)
+        for region, span in domain.region_slices.items():
+            weights[span] = density(self._materials[region]) * domain.reference.dV[span].sum(axis=1)
+        A = domain.cells.shape[1]
+        return domain.scatter_add(np.repeat(weights[:, None] / A, A, axis=1)[..., None])[:, 0]
+
+    def _porosity_change(self, u):
+        J = det(self._gradients(u))
+        change = np.zeros(self._domain.n_cells)
+        for region, span in self._domain.region_slices.items():
+            n_s0 = self._materials[region].n_s0
+            change[span] = np.abs(n_s0 * (1 - 1 / J[span])).max(axis=1, initial=0.0) / (1 - n_s0)
+        return self._maximum(change)
+
+    def _brinkman_ratio(self):
+        ratio = np.zeros(self._domain.n_cells)
+        for entry in self._scene.material:
+            for region, span in self._domain.region_slices.items():
+                if entry.fluid.viscosity and region in (*entry.region, region if entry.region == ("all",) else None):
+                    n, drag = entry.porosity, entry.porosity**2 / entry.mobility
+                    ratio[span] = 4 * n * entry.fluid.viscosity / self._domain.h[span] ** 2 / drag
+        return self._maximum(ratio)
+
+
+def _three_dimensional(F):
+    """Return F with F_33 = 1 added in plane strain."""
+    if F.shape[-1] == 3:
+        return F
+    full = np.zeros((*F.shape[:-2], 3, 3))
+    full[..., :2, :2], full[..., 2, 2] = F, 1.0
+    return full
+
+
+def _omissions(scene, materials):
+    model, limits = scene.model, scene.limits
+    bound = {name: None if getattr(limits, name) == "report" else getattr(limits, name) for name in type(limits).model_fields}
+    if any(material.elastic.small_strain for material in materials.values()):
+        yield Omission("strain", bound["strain"], "largest norm of the Green strain under a small-strain law")
+    if not model.moving_mesh:
+        yield Omission("mesh_displacement", bound["mesh_displacement"], "largest displacement over element size on the fixed mesh")
+    if not model.convection:
+        meaning = "convection over transient, drag and viscous forces at element scale"
+        yield Omission("reynolds", bound["reynolds"], meaning)
+    if not (model.solid_inertia and model.fluid_inertia):
+        yield Omission("inertia", bound["inertia"], "inertia that is left out over the largest force of the step")
+    if model.porosity == "constant":
+        yield Omission("porosity_change", None, "largest change of n_f that n_s = n_s0/J would give, over n_f")
+    if not model.viscosity and any(entry.fluid.viscosity for entry in scene.material):
+        yield Omission("viscosity", None, "viscous (Brinkman) over drag force at element scale")

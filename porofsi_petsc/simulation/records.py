@@ -1,0 +1,125 @@
+"""What a run writes: history, fields and checkpoints in the intervals of the scene."""
+
+import time
+
+from ..config import scene_to_toml
+from ..output.checkpoint import write_checkpoint
+from ..output.fields import FieldWriter
+from ..output.history import History
+from ..output.probes import Probes
+
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+class Records:
+    """The files of a run; every method is collective."""
+
+    def __init__(self, scene, directory, coupling, energy, measures, stopwatch):
+        """Prepare the probes; `open` starts the files."""
+        self._scene, self._directory, self._coupling = scene, directory, coupling
+        self._energy, self._measures, self._stopwatch = energy, measures, stopwatch
+        self.progress = self._history = self._fields = None
+        self._mesh = coupling.solid.mesh
+        self._probes = Probes(self._mesh, [(probe.name, probe.at) for probe in scene.probe])
+        self._last_checkpoint = time.monotonic()
+
+    @property
+    def columns(self):
+        """Return the columns of the history between t and coupling_iterations."""
+        return [f"{probe.name}.{quantity}" for probe in self._scene.probe for quantity in probe.quantities]
+
+    @property
+    def checkpoint_path(self):
+        """Return where checkpoints go."""
+        return self._directory / "checkpoint.h5"
+
+    def open(self, resumed_at=None):
+        """Start the files, or continue those of a run that was resumed at a time [s]."""
+        self._fields = FieldWriter(self._directory, self._mesh) if self._scene.output.fields_every else None
+        if resumed_at is None:
+            self._history = History(self._directory, self.columns, self._mesh.comm)
+            return
+        self._history = History.resume(self._directory, self.columns, self._mesh.comm, resumed_at)
+        if self._fields:
+            self._fields.truncate(resumed_at)
+
+    def start(self, clock):
+        """Write the initial state."""
+        with self._stopwatch.measure("output"):
+            self._history.append(clock.t, self._probe_values(), 0)
+            self._write_fields(clock)
+
+    def after_step(self, clock, iterations):
+        """Write what is due after an accepted step; iterations are those of all steps."""
+        output = self._scene.output
+        with self._stopwatch.measure("output"):
+            if clock.step % output.history_every == 0 or clock.finished:
+                self._history.append(clock.t, self._probe_values(), iterations[-1])
+            if self._fields and (clock.step % output.fields_every == 0 or clock.finished):
+                self._write_fields(clock)
+            self.progress.update(clock.step, clock.t, iterations[-1])
+        if self._checkpoint_due(clock):
+            self.checkpoint(clock, iterations)
+
+    def close(self):
+        """Close the history."""
+        self._history.close()
+
+    def _checkpoint_due(self, clock):
+        output = self._scene.output
+        due = bool(output.checkpoint_every) and (clock.step % output.checkpoint_every == 0 or clock.finished)
+        if output.checkpoint_minutes:
+            late = time.monotonic() - self._last_checkpoint > 60 * output.checkpoint_minutes
+            due = self._mesh.comm.bcast(late) or due
+        return due
+
+    def checkpoint(self, clock, iterations):
+        """Write a checkpoint of the accepted state."""
+        with self._stopwatch.measure("output"):
+            header = {
+                "scene_name": self._scene.name,
+                "scene": scene_to_toml(self._scene),
+                "step": clock.step,
+                "time": clock.t,
+                "clock": clock.state(),
+                "coupling": self._coupling.memory(),
+                "energy": self._energy.state(),
+                "measures": self._measures.state(),
+                "iterations": iterations,
+            }
+            write_checkpoint(self._directory, self._mesh, header, self._coupling.state())
+        self._last_checkpoint = time.monotonic()
+
+    def _write_fields(self, clock):
+        if not self._fields:
+            return
+        solid, fluid, n = self._coupling.solid, self._coupling.fluid, self._mesh.n_owned
+        fields = {
+            "displacement": solid.u[:n],
+            "pressure": fluid.p[:n],
+            "solid velocity": solid.v[:n],
+            "fluid velocity": fluid.v[:n],
+            "porosity": self._measures.porosity(solid.accepted_skeleton()),
+            "stress": self._measures.stress(solid.u),
+        }
+        self._fields.write(clock.step, clock.t, fields)
+
+    def _probe_values(self):
+        values = {}
+        fields = self._probe_fields()
+        for quantity in {q for probe in self._scene.probe for q in probe.quantities}:
+            name, _, axis = quantity.rpartition("_") if quantity != "n_f" else (quantity, "", "")
+            column = AXES.get(axis, 0) if quantity != "p" else 0
+            values[quantity] = fields[name or quantity][:, column]
+        rows = {probe.name: i for i, probe in enumerate(self._scene.probe)}
+        return [values[quantity][rows[probe.name]] for probe in self._scene.probe for quantity in probe.quantities]
+
+    def _probe_fields(self):
+        """Return the probe values of every recorded field, name -> (n_probes, k)."""
+        solid, fluid = self._coupling.solid, self._coupling.fluid
+        wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for probe in self._scene.probe for q in probe.quantities}
+        arrays = {"u": solid.u, "v": solid.v, "vf": fluid.v, "p": fluid.p[:, None]}
+        if "n_f" in wanted:
+            arrays["n_f"] = self._mesh.halo.extend(self._measures.porosity(solid.accepted_skeleton()))
+        return {name: self._probes.evaluate(arrays[name]) for name in sorted(wanted)}
+

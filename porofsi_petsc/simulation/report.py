@@ -1,0 +1,77 @@
+"""The summary of a run."""
+
+import platform
+import resource
+
+import numpy as np
+from petsc4py import PETSc
+
+from .. import __version__
+
+
+def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, files, exit_code):
+    """Return the content of summary.json (keys: `output.summary.SUMMARY_KEYS`); collective."""
+    mesh, comm = coupling.solid.mesh, coupling.solid.mesh.comm
+    phases = {"fluid": coupling.fluid, "solid": coupling.solid}
+    iterations = np.array(loop.iterations or [0])
+    return {
+        "scene": scene.name,
+        "title": scene.title,
+        "version": __version__,
+        "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
+        "python_version": platform.python_version(),
+        "numpy_version": np.__version__,
+        "ranks": comm.size,
+        "exit_code": exit_code,
+        "dimension": mesh.dim,
+        "elements": mesh.n_cells_global,
+        "nodes": mesh.n_global,
+        "unknowns": _unknowns(mesh, coupling.fluid),
+        "steps": loop.clock.step,
+        "step_cuts": loop.clock.cuts,
+        "time_end": loop.clock.t,
+        "wall_time": _wall_time(comm, stopwatch, phases),
+        "coupling_iterations": {"mean": iterations.mean(), "max": iterations.max(), "total": iterations.sum()},
+        "linear_iterations": {name: _linear_iterations(phase) for name, phase in phases.items()},
+        "assemblies": {name: phase.assemblies for name, phase in phases.items()},
+        "factorizations": {name: phase.solver.factorizations if phase.solver else 0 for name, phase in phases.items()},
+        "energy": energy.report(),
+        "peak_memory_bytes": _peak_memory(comm),
+        "modelled": _modelled(scene),
+        "neglected": measures.neglected(),
+        "oscillation_indicator": measures.oscillation_indicator,
+        "expectations": expectations,
+        "files": files,
+    }
+
+
+def _unknowns(mesh, fluid):
+    n, d = mesh.n_global, mesh.dim
+    return {"displacement": n * d, "fluid_velocity": n * d, "pressure": n, "auxiliary": n * (fluid.components - d - 1)}
+
+
+def _wall_time(comm, stopwatch, phases):
+    solvers = [phase.solver for phase in phases.values() if phase.solver]
+    seconds = {name: stopwatch.seconds[name] for name in ("setup", "assembly", "residual", "output")}
+    seconds["factorization"] = sum(solver.setup_time for solver in solvers)
+    seconds["solve"] = sum(solver.solve_time for solver in solvers)
+    seconds["total"] = stopwatch.total
+    everyone = comm.allgather(seconds)
+    return {name: max(one[name] for one in everyone) for name in seconds}
+
+
+def _linear_iterations(phase):
+    solver = phase.solver
+    return {"mean": solver.iterations_mean if solver else 0.0, "max": solver.iterations_max if solver else 0}
+
+
+def _peak_memory(comm):
+    everyone = comm.allgather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+    return {"max": max(everyone), "sum": sum(everyone)}
+
+
+def _modelled(scene):
+    model = scene.model
+    terms = [name for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh") if getattr(model, name)]
+    terms += [f"{model.porosity} porosity"] + sorted({entry.solid.law for entry in scene.material})
+    return terms + [name for name in ("pspg", "supg", "lsic", "undrained") if getattr(scene.stabilization, name)]

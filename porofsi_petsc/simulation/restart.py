@@ -1,0 +1,44 @@
+"""Continue from a checkpoint, on any number of ranks; what may have changed in the scene and what not."""
+
+from ..errors import InputError
+from ..output.checkpoint import read_checkpoint
+from ..output.files import parse_toml
+
+# Sections that decide the state itself; time, output, solver and coupling settings may change.
+FIXED = ("model", "material", "boundary", "body_force", "stabilization")
+
+
+def resume(path, mesh, scene, text, loop, coupling, energy, measures):
+    """Load every part of a run from a checkpoint; text is the present scene as TOML (collective).
+
+    Raises InputError when the file is no checkpoint, belongs to another mesh or scene, or lies beyond the end time.
+    """
+    header, arrays = read_checkpoint(path, mesh)
+    _require_same_scene(path, parse_toml(header["scene"]), parse_toml(text))
+    if header["time"] >= scene.time.end:
+        raise InputError(f"{path}: the checkpoint is at t = {header['time']:g} s, expected less than time.end = {scene.time.end:g} s; raise time.end")
+    loop.clock.load(header["clock"])
+    loop.iterations.extend(header["iterations"])
+    schemes, rates = loop.clock.next_schemes(scene.model)
+    coupling.load_state(arrays, header["coupling"], schemes, rates)
+    energy.load(header["energy"])
+    measures.load(header["measures"])
+
+
+def _require_same_scene(path, before, now):
+    for section in FIXED:
+        old, new = before.get(section), now.get(section)
+        if old != new:
+            key, received, expected = _difference(section, new, old)
+            raise InputError(f"{path} [{key}]: the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value")
+
+
+def _difference(key, new, old):
+    """Return the dotted key, new and old value of the first difference."""
+    if isinstance(new, dict) and isinstance(old, dict):
+        name = next(k for k in [*old, *new] if old.get(k) != new.get(k))
+        return _difference(f"{key}.{name}", new.get(name), old.get(name))
+    if isinstance(new, list) and isinstance(old, list) and len(new) == len(old):
+        i = next(i for i, (a, b) in enumerate(zip(new, old, strict=True)) if a != b)
+        return _difference(f"{key}.{i}", new[i], old[i])
+    return key, new, old

@@ -1,0 +1,154 @@
+"""One run from a scene to its results, and the check of a scene without a run."""
+
+from mpi4py import MPI
+
+from ..config import scene_to_toml
+from ..errors import ExpectationError, PorofsiError
+from ..log import logger, start_log, stop_log
+from ..output.directory import prepare
+from ..output.expectations import evaluate, failed
+from ..output.figures import make_figures
+from ..output.files import on_root, write_text
+from ..output.history import read_history
+from ..output.progress import Progress
+from ..output.summary import write_summary
+from ..stopwatch import Stopwatch
+from .build import build_coupling, local_mesh, porous_materials
+from .energy import Energy
+from .loop import StopRequest, TimeLoop
+from .measures import Measures
+from .records import Records
+from .report import summarize
+from .restart import resume
+
+
+def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
+    """Solve a scene and return its summary (the content of summary.json); PETSc has been started (collective).
+
+    directory : results (pathlib.Path); restart : checkpoint file or None; max_time : wall time [s] or None.
+    Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError; whatever was accepted before is on disk.
+    """
+    comm, stopwatch = MPI.COMM_WORLD, Stopwatch()
+    with stopwatch.measure("setup"):
+        mesh = local_mesh(scene, comm)
+        coupling = build_coupling(scene, mesh, stopwatch)
+        measures = Measures(scene, coupling.solid.domain, porous_materials(scene, mesh))
+    prepare(directory, force, restart is not None, comm)
+    start_log(directory, comm.rank, quiet)
+    try:
+        return _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, max_time)
+    finally:
+        stop_log()
+
+
+class _Run:
+    """The parts of one run and their order."""
+
+    def __init__(self, scene, directory, coupling, measures, stopwatch, quiet):
+        self.scene, self.directory, self.coupling, self.measures = scene, directory, coupling, measures
+        self.stopwatch, self.energy, self.quiet = stopwatch, Energy(), quiet
+        self.comm = coupling.solid.mesh.comm
+        self.records = Records(scene, directory, coupling, self.energy, measures, stopwatch)
+        self.loop = TimeLoop(scene, coupling, self.energy, measures, self.records)
+
+    def go(self, restart, max_time):
+        """Run to the end and return the summary; on a PorofsiError write the summary first."""
+        text = scene_to_toml(self.scene)
+        self._start(restart, text)
+        on_root(self.comm, write_text, self.directory / "scene.toml", text)
+        stop, exit_code = StopRequest(self.comm, max_time), 1
+        progress = Progress(self.scene.time.end, self.quiet, start_time=self.loop.clock.t, rank=self.comm.rank)
+        try:
+            self.records.progress = progress
+            self.loop.run(stop)
+            exit_code = 0
+        except PorofsiError as error:
+            exit_code = error.exit_code
+            raise
+        finally:
+            stop.restore()
+            progress.close()
+            self.records.close()
+            if exit_code != 1:
+                summary = self._finish(exit_code)
+        self._judge(summary)
+        return summary
+
+    def _start(self, restart, text):
+        mesh = self.coupling.solid.mesh
+        logger.info("%s: %d elements, %d nodes, %d ranks", self.scene.name, mesh.n_cells_global, mesh.n_global, self.comm.size)
+        if restart is None:
+            self.energy.start(*self.coupling.energies())
+            self.records.open()
+            self.records.start(self.loop.clock)
+            return
+        resume(restart, mesh, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
+        self.records.open(resumed_at=self.loop.clock.t)
+        logger.info("continued from %s at t = %g s (step %d)", restart, self.loop.clock.t, self.loop.clock.step)
+
+    def _finish(self, exit_code):
+        """Write figures and summary; return the summary."""
+        with self.stopwatch.measure("output"):
+            on_root(self.comm, make_figures, self.directory)
+        expectations = on_root(self.comm, self._expectations)
+        if exit_code == 0 and failed(expectations):
+            exit_code = ExpectationError.exit_code
+        files = on_root(self.comm, lambda: sorted(str(p.relative_to(self.directory)) for p in self.directory.rglob("*") if p.is_file()))
+        parts = self.coupling, self.loop, self.energy, self.measures, self.stopwatch
+        summary = summarize(self.scene, *parts, expectations, files, exit_code)
+        on_root(self.comm, write_summary, self.directory, summary)
+        self._say(summary)
+        return summary
+
+    def _expectations(self):
+        return evaluate(self.scene.expect, read_history(self.directory / "history.csv"))
+
+    def _say(self, summary):
+        iterations, energy = summary["coupling_iterations"], summary["energy"]
+        logger.info(
+            "t = %g s, %d steps, coupling iterations %.1f mean, %d largest, energy error %.1e of the largest work, %.1f s",
+            summary["time_end"],
+            summary["steps"],
+            iterations["mean"],
+            iterations["max"],
+            energy["balance_error_relative"],
+            summary["wall_time"]["total"],
+        )
+        for record in summary["expectations"]:
+            where = f"at {record['at']:g} s" if record["at"] is not None else record["statistic"]
+            if record["passed"] is None:
+                logger.info("expect %s %s: skipped, %s", record["quantity"], where, record["reason"])
+                continue
+            logger.info(
+                "expect %s %s: computed %.6g, reference %.6g, error %.2g (bound %.2g): %s",
+                record["quantity"],
+                where,
+                record["value"],
+                record["reference"],
+                record["error"],
+                record["tolerance"],
+                "passed" if record["passed"] else "FAILED",
+            )
+        logger.info("results in %s", self.directory)
+
+    def _judge(self, summary):
+        misses = failed(summary["expectations"])
+        if misses:
+            first = misses[0]
+            raise ExpectationError(
+                f"{len(misses)} of {len(summary['expectations'])} expectations failed, the first: {first['quantity']} computed {first['value']:.6g}, "
+                f"reference {first['reference']:.6g}, error {first['error']:.2g} > {first['tolerance']:.2g}"
+            )
+
+
+def check(scene):
+    """Return a description of what a scene would solve; raises InputError as a run would, before anything is computed (collective)."""
+    mesh = local_mesh(scene, MPI.COMM_WORLD)
+    build_coupling(scene, mesh, Stopwatch())
+    tags = ", ".join(sorted(mesh.facets))
+    unknowns = mesh.n_global * (2 * mesh.dim + 1)
+    return (
+        f"{scene.title}\n{mesh.n_cells_global} elements {mesh.element.name}, {mesh.n_global} nodes, {unknowns} unknowns\n"
+        f"regions: {', '.join(mesh.regions)}; boundaries: {tags}\nto t = {scene.time.end:g} s in steps of {scene.time.step:g} s"
+    )
+
