@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import porofsi_petsc
-from porofsi_petsc import errors
+from porofsi_petsc import errors, log
 from porofsi_petsc.__main__ import cli
 from porofsi_petsc.linalg import options
 
@@ -121,7 +121,7 @@ def environment():
 STUBBED = """
 import sys, types
 from mpi4py import MPI
-from porofsi_petsc import errors
+from porofsi_petsc import errors, log
 from porofsi_petsc.linalg import options
 def run(*_):
     {action}
@@ -149,3 +149,16 @@ def test_a_parallel_job_ends_with_its_error(tmp_path, action, code, sentence, ti
     result = subprocess.run(command, capture_output=True, text=True, env=environment(), timeout=60)
     assert result.returncode == code
     assert result.stderr.count(sentence) == times
+
+
+def test_only_rank_0_logs(tmp_path, capsys):
+    log.start_log(tmp_path, rank=0)
+    log.logger.info("first line")
+    log.start_log(tmp_path, rank=1)
+    log.logger.info("from another rank")
+    log.start_log(tmp_path, rank=0, quiet=True)
+    log.logger.info("second line")
+    log.stop_log()
+    assert capsys.readouterr().out == "first line\n"
+    lines = (tmp_path / "run.log").read_text().splitlines()
+    assert [line.split("INFO ")[1] for line in lines] == ["first line", "second line"]
