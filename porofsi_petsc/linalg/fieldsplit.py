@@ -8,24 +8,24 @@ The fluid matrix has the unknowns (v_1 … v_d, p[, s]) node by node,
 
 and is solved by FGMRES with the upper triangular factor; the Schur complement is approximated by C + B lump(A)^-1 B^T (`selfp`).
 
-Measured, P1 on 10 m x 10 m (x 10 m), iterations to rtol 1e-6 at S dt/rho = 0, 1, 1e4, 1e8; the range is over the meshes
-16² … 64² (6³ … 12³):
+Measured, P1 on 10 m x 10 m (x 10 m), PETSc 3.18 in serial, velocity by block Jacobi with ILU(0), iterations to rtol 1e-6.
 
-    without s       hypre 2-D 4-6, 3-D 5-7 · GAMG 2-D 4-12, 3-D 5-13 · Jacobi instead of ILU on the velocity twice as many
-    lump against diag in the approximation of A^-1: equal or one less
+Scaling: the residual mixes N and m³/s; at dt = 1e-4 s rtol was met with a pressure wrong by 70 %.  After the symmetric
+diagonal scaling velocity and pressure agree with a direct solve to about ten times rtol.
 
-The residual mixes N and m³/s: at dt = 1e-4 s it was met with a pressure wrong by 70 %.  Hence the symmetric diagonal scaling,
-after which velocity and pressure agree with a direct solve to ten times the tolerance; counts with it and with s, rtol 1e-6:
+Without s (dt 1e-5 … 0.1 s, k 1 … 1e-5 m/s): hypre 6-10, GAMG 11-22; Jacobi on the velocity instead of ILU 11-18; diag(A) instead
+of lump(A) at most one more.
 
-    dt, k           1e-3, 1      1e-2, 1e-5   1e-4, 1      1e-5, 1e-2     meshes
-    hypre, 2-D      19 31 36     19 28 35     9 17 31      9 11 13        32² 64² 96²
-    hypre, 3-D      7 18         11 13        7 8          8 9            6³ 14³
-    GAMG, 2-D       20 20 20     18 21 22     23 31 40     24 32 42
-    GAMG, 3-D       10 18        10 17        26 59        27 91
+With s, small steps or a stiff skeleton make B_m dominate and tie s to p at every node.  Iterations on the finest mesh (96², 12³):
 
-On small steps B_m dominates and ties s to p at every node.  hypre must therefore see (p, s) as one scalar field (block size 1:
-strong couplings cross from p to s; as two functions it fails at dt <= 1e-4) with strong threshold 0.5 (0.25: 159 in 3-D);
-GAMG needs the 2 x 2 blocks with a point-block Jacobi smoother (fails without at dt = 1e-5).
+    S dt/rho, dt [s]                        1e4, 1e-3 2-D   1, 1e-5 2-D (64²)   1e4, 1e-3 3-D   1e4, 1e-5 3-D
+    GAMG 2 x 2 blocks, Richardson/SOR             20              25                  13              14
+    GAMG 2 x 2 blocks, Chebyshev/point Jacobi     34              33                  22              49
+    hypre, (p, s) as one scalar field            450              11                  21               8
+    hypre, (p, s) as two functions           fails at dt <= 1e-4
+
+so GAMG with blocks and SOR is the default (over dt 1e-5 … 1 s, 2-D and 3-D: 6-31, at most 14 in 3-D); the SOR sweeps solve the
+2 x 2 blocks of a node together, which the couplings need.
 """
 
 import numpy as np
@@ -34,13 +34,12 @@ from petsc4py import PETSc
 from .options import has_package
 from .solver import direct_defaults
 
-_HYPRE_PRESSURE = {
-    "pc_type": "hypre",
-    "pc_hypre_boomeramg_strong_threshold": 0.5,
-    "pc_hypre_boomeramg_coarsen_type": "HMIS",
-    "pc_hypre_boomeramg_interp_type": "ext+i",
+_GAMG_BLOCKS = {
+    "pc_type": "gamg",
+    "pc_gamg_threshold": 0.02,
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_pc_type": "sor",
 }
-_GAMG_PRESSURE = {"pc_type": "gamg", "mg_levels_pc_type": "pbjacobi"}
 _FIELDSPLIT = {
     "ksp_type": "fgmres",
     "ksp_rtol": 1e-8,
@@ -67,7 +66,7 @@ def fluid_defaults(dim: int, has_auxiliary: bool, direct: bool, viscous: bool = 
     factor = direct_defaults() if direct else None
     if factor is not None:
         return factor
-    pressure = _HYPRE_PRESSURE if has_package("hypre") else _gamg_pressure(has_auxiliary)
+    pressure = _GAMG_BLOCKS if has_auxiliary else _multigrid(dim)
     velocity = _multigrid(dim) if viscous else {"pc_type": "bjacobi"}
     return _FIELDSPLIT | _prefixed("fieldsplit_v_", velocity) | _prefixed("fieldsplit_p_", pressure)
 
@@ -88,14 +87,13 @@ def solid_defaults(dim: int, direct: bool, symmetric: bool = True) -> dict[str, 
 def fluid_fields(comm, first_node: int, n_owned_nodes: int, dim: int, block_size: int, prefix: str = "fluid_"):
     """Return the index sets (dict name -> PETSc.IS) of "v", the velocity, and "p", the pressure with its auxiliary field.
 
-    The block size of v is dim; that of p is 1 for hypre and block_size - dim for other preconditioners (see above).
+    The block size of v is dim; that of p is block_size - dim, and 1 if the user asks for hypre there (see above).
     """
-    default = "hypre" if has_package("hypre") else "gamg"
-    pressure_pc = PETSc.Options(prefix).getString("fieldsplit_p_pc_type", default)
+    scalar = PETSc.Options(prefix).getString("fieldsplit_p_pc_type", "gamg") == "hypre"
     nodes = block_size * np.arange(first_node, first_node + n_owned_nodes)
     return {
         "v": _field(comm, nodes, np.arange(dim), dim),
-        "p": _field(comm, nodes, np.arange(dim, block_size), 1 if pressure_pc == "hypre" else block_size - dim),
+        "p": _field(comm, nodes, np.arange(dim, block_size), 1 if scalar else block_size - dim),
     }
 
 
@@ -118,10 +116,6 @@ def _field(comm, nodes, components, block_size):
     field = PETSc.IS().createGeneral((nodes[:, None] + components).astype(PETSc.IntType).ravel(), comm=comm)
     field.setBlockSize(block_size)
     return field
-
-
-def _gamg_pressure(has_auxiliary):
-    return _GAMG_PRESSURE if has_auxiliary else {"pc_type": "gamg"}
 
 
 def _multigrid(dim):

@@ -1,0 +1,128 @@
+"""Options of PETSc: precedence, misspellings, and the sentences that say what is wrong."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from porofsi_petsc.errors import InputError
+from porofsi_petsc.linalg import options
+
+options.start()
+
+from petsc4py import PETSc  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def clean_options():
+    yield
+    options.start()
+
+
+def value(name):
+    return PETSc.Options().getAll().get(name)
+
+
+def in_new_process(code, environment="", cwd=None):
+    """Return what a fresh Python prints; PETSc reads its environment and argument list only when it starts."""
+    path = os.path.dirname(os.path.dirname(os.path.abspath(options.__file__)))
+    env = os.environ | {"PETSC_OPTIONS": environment, "PYTHONPATH": os.path.dirname(path), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=env, cwd=cwd, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_command_line_beats_scene_beats_default():
+    options.start("-solid_ksp_rtol 1e-3 -solid_pc_type jacobi", ["-solid_ksp_rtol", "1e-5"])
+    options.set_defaults("solid_", {"ksp_rtol": 1e-8, "pc_type": "gamg", "ksp_type": "cg"})
+    assert [value("solid_" + name) for name in ("ksp_rtol", "pc_type", "ksp_type")] == ["1e-5", "jacobi", "cg"]
+
+
+PRECEDENCE = """
+from porofsi_petsc.linalg import options
+def show():
+    database = PETSc.Options().getAll()
+    print(*(database.get("solid_" + name, "-") for name in ("ksp_rtol", "ksp_atol", "ksp_max_it", "ksp_type", "ksp_divtol")))
+    print(*options.unused_options())
+options.start("-solid_ksp_rtol 2 -solid_ksp_atol 2", ["-solid_ksp_atol", "3"])
+from petsc4py import PETSc
+options.set_defaults("solid_", {"ksp_max_it": 4, "ksp_type": "cg"})
+show()
+options.start("-solid_ksp_type gmres")
+show()
+"""
+
+
+def test_environment_and_rc_file_are_respected_and_restored_by_a_second_start(tmp_path):
+    (tmp_path / ".petscrc").write_text("-solid_ksp_divtol 1\n")
+    lines = in_new_process(PRECEDENCE, "-solid_ksp_rtol 1 -solid_ksp_max_it 1", tmp_path)
+    assert lines == ["2 3 1 cg 1", "solid_ksp_atol solid_ksp_rtol", "1 - 1 gmres 1", "solid_ksp_type"]
+
+
+def test_options_file_and_prefixes_count_as_the_users(tmp_path):
+    file = tmp_path / "direct.txt"
+    file.write_text("-solid_pc_type lu  # comment\n")
+    options.start(f"-options_file {file} -prefix_push fluid_ -ksp_rtol 1e-4 -prefix_pop")
+    assert (value("solid_pc_type"), value("fluid_ksp_rtol")) == ("lu", "1e-4")
+    assert options.unused_options() == ["fluid_ksp_rtol", "solid_pc_type"]
+    assert PETSc.Options().getString("solid_pc_type") == "lu"
+    assert options.unused_options() == ["fluid_ksp_rtol"]
+
+
+def test_second_start_forgets_options_and_defaults_of_the_first():
+    options.start("-solid_ksp_rtol 1e-3")
+    options.set_defaults("solid_", {"pc_type": "gamg"})
+    options.start("-fluid_ksp_rtol 1e-4")
+    assert (value("solid_ksp_rtol"), value("solid_pc_type"), value("fluid_ksp_rtol")) == (None, None, "1e-4")
+
+
+def test_defaults_of_a_prefix_replace_the_earlier_ones():
+    options.set_defaults("solid_", {"pc_type": "gamg", "pc_gamg_threshold": 0.01})
+    options.set_defaults("solid_", {"pc_type": "lu"})
+    assert (value("solid_pc_type"), value("solid_pc_gamg_threshold")) == ("lu", None)
+
+
+@pytest.mark.parametrize(
+    "text, hint",
+    [
+        ("-solid_ksp_rtoll 1e-3", "did you mean -solid_ksp_rtol?"),
+        ("-soild_ksp_rtol 1e-3", "did you mean -solid_ksp_rtol?"),
+        ("-zebra 1", "the prefixes here are fluid_, solid_"),
+    ],
+)
+def test_unused_option_is_an_error_with_a_suggestion(text, hint):
+    options.start(text)
+    options.set_defaults("solid_", {"ksp_type": "cg"})
+    options.set_defaults("fluid_", {"ksp_type": "fgmres"})
+    with pytest.raises(InputError) as caught:
+        options.check_options()
+    assert text.split()[0] in str(caught.value) and hint in str(caught.value)
+
+
+def test_prefixes_of_absent_phases_are_exempt():
+    options.start("-fluid_ksp_rtol 1e-3 -log_view :/dev/null")
+    options.check_options(exempt_prefixes=("fluid_",))
+
+
+@pytest.mark.parametrize(
+    "text, sentence",
+    [
+        ("ksp_rtol 1e-3", "'ksp_rtol' is neither an option nor the value of one"),
+        ("-ksp_rtol 1e-3 2", "'2' is neither an option"),
+        ("-options_file /nowhere/o.txt", "no file '/nowhere/o.txt'"),
+        ("-ksp_rtol '1e-3", "close the quotation"),
+    ],
+)
+def test_words_that_are_no_options_are_refused(text, sentence):
+    with pytest.raises(InputError, match=sentence):
+        options.start(text)
+
+
+def test_negative_numbers_are_values():
+    options.start("-shift -1e-3")
+    assert value("shift") == "-1e-3"
+
+
+def test_unknown_package_is_absent():
+    assert options.has_package("nosuch") is False
