@@ -42,9 +42,9 @@ def test_stress_tangent_is_the_derivative(name, law):
     X = distorted(element, rng)
     rule = Rule.of(element, max(2 * (element.order - 1), 1))
     reference = geometry(rule, X)
-    y = X + 0.05 * rng.standard_normal(X.shape)
-    exact = solid.stress_tangent(reference.G, reference.dV, material, y).reshape(len(X), X[0].size, X[0].size)
-    difference = central_difference(lambda z: solid.stress_residual(reference.G, reference.dV, material, z), y)
+    u = 0.05 * rng.standard_normal(X.shape)
+    exact = solid.stress_tangent(reference.G, reference.dV, material, u).reshape(len(X), X[0].size, X[0].size)
+    difference = central_difference(lambda z: solid.stress_residual(reference.G, reference.dV, material, z), u)
     assert relative(exact, difference) < FD_TOLERANCE
 
 

@@ -16,7 +16,7 @@ from .transfer import Skeleton
 class SolidPhase:
     """Solve ρ_s a = Div P + pressure + drag + ρ_s b for the positions y = X + u.
 
-    The displacement u is stored instead of y, so that round-off is relative to the motion.  Arrays (n_local, d), ghosts
+    The positions are stored as displacements u = y - X, so that round-off is relative to the motion.  Arrays (n_local, d), ghosts
     included: `u`, `v`, `a` of the accepted level n; `_u1`, `_v1`, `_a1` of the trial level n + 1.
     """
 
@@ -106,15 +106,15 @@ class SolidPhase:
         """Return the `Residual` of the trial state under the flow's pressure and drag [N]."""
         domain, setup = self.domain, self._setup
         configuration = self.skeleton().configuration
-        y = domain.gather(self.mesh.X + self._u_alpha)
+        u = domain.gather(self._u_alpha)
         p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
         acceleration = domain.gather(self.scheme.acceleration_level(self.a, self._a1)) if setup.inertia else None
-        stress, pressure, drag = (np.empty(y.shape) for _ in range(3))
-        inertia = np.empty(y.shape) if setup.inertia else None
+        stress, pressure, drag = (np.empty(u.shape) for _ in range(3))
+        inertia = np.empty(u.shape) if setup.inertia else None
         stiffness, reference = domain.reference_stiffness, domain.reference
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, current = setup.materials[region], configuration.geometry.part(chunk)
-            stress[chunk] = kernel.stress_residual(stiffness.G[chunk], stiffness.dV[chunk], material.elastic, y[chunk])
+            stress[chunk] = kernel.stress_residual(stiffness.G[chunk], stiffness.dV[chunk], material.elastic, u[chunk])
             pressure[chunk], drag[chunk] = kernel.coupling_residual(
                 domain.mass.N, current, material, configuration.J[chunk], p[chunk], w[chunk]
             )
@@ -168,12 +168,12 @@ class SolidPhase:
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.dirichlet.mask)
         domain, setup = self.domain, self._setup
-        y = domain.gather(self.mesh.X + u)
+        nodal = domain.gather(u)
         values = self._matrix.values.reshape(domain.n_cells, *(2 * (domain.cells.shape[1], self.mesh.dim)))
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = setup.materials[region]
             stiffness = domain.reference_stiffness.part(chunk)
-            values[chunk] = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, y[chunk])
+            values[chunk] = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, nodal[chunk])
             weights = self._inertia_weights(material, configuration, chunk, rates)
             if weights is not None:
                 add_isotropic(values[chunk], mass_matrix(domain.mass.N, weights), self.mesh.dim)
@@ -241,11 +241,11 @@ class SolidPhase:
     def energies(self):
         """Return kinetic and elastic energy of the accepted state [J] (collective)."""
         domain = self.domain
-        y, v = domain.gather(self.mesh.X + self.u), domain.gather(self.v)
+        u, v = domain.gather(self.u), domain.gather(self.v)
         kinetic, elastic = np.zeros(domain.n_cells), np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
-            elastic[chunk] = kernel.stored_energy(stiffness.G, stiffness.dV, material.elastic, y[chunk])
+            elastic[chunk] = kernel.stored_energy(stiffness.G, stiffness.dV, material.elastic, u[chunk])
             speed2 = ((domain.mass.N @ v[chunk]) ** 2).sum(axis=-1)
             kinetic[chunk] = 0.5 * material.rho_s * (speed2 * domain.reference.dV[chunk]).sum(axis=1)
         return domain.sum_owned(kinetic) if self._setup.inertia else 0.0, domain.sum_owned(elastic)

@@ -63,10 +63,10 @@ class Measures:
     def stress(self, u):
         """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy, yz, zz (plane strain in 2-D)."""
         domain = self._domain
-        y = domain.gather(domain.mesh.X + u)
+        nodal = domain.gather(u)
         values = np.empty((domain.n_cells, 6))
         for region, span in domain.region_slices.items():
-            F = _three_dimensional(deformation_gradient(domain.reference_stiffness.G[span], y[span]))
+            F = _three_dimensional(deformation_gradient(domain.reference_stiffness.G[span], nodal[span]))
             law = self._materials[region].elastic
             P = law.stress(F)
             cauchy = P if law.small_strain else (P @ transpose(F)) / det(F)[..., None, None]
@@ -135,7 +135,7 @@ class Measures:
 
     def _gradients(self, u):
         domain = self._domain
-        return deformation_gradient(domain.reference_stiffness.G, domain.gather(domain.mesh.X + u))
+        return deformation_gradient(domain.reference_stiffness.G, domain.gather(u))
 
     def _largest_strain(self, u):
         F = self._gradients(u)
