@@ -77,6 +77,28 @@ def test_fieldsplit_agrees_with_the_dense_solution(dim, has_auxiliary):
     A.destroy()
 
 
+@pytest.mark.parametrize("viscous", [False, True])
+def test_fieldsplit_stays_right_while_the_matrix_changes_under_its_preconditioner(viscous):
+    block = FluidBlock(COMM, 2, 5, has_auxiliary=True)
+    A = block.matrix("fluid_")
+    fields = fluid_fields(COMM, block.first_node, block.n_owned_nodes, 2, block.block_size)
+    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(2, True, direct=False, viscous=viscous), fields=fields)
+    first = gathered(solver.solve(block.load()))
+    A.assemble(1.5 * block.element_matrices)
+    solver.update()
+    second = gathered(solver.solve(block.load()))  # the old preconditioner on the new matrix, scaled anew
+    solver.refactor()
+    third = gathered(solver.solve(block.load()))
+    assert np.linalg.norm(second - first / 1.5) < 1e-6 * np.linalg.norm(first)
+    assert np.linalg.norm(third - second) < 1e-6 * np.linalg.norm(first)
+    assert solver.factorizations == 2
+    A.assemble(block.element_matrices)
+    free = ~block.constrained
+    assert np.allclose(dense(A.mat)[np.ix_(free, free)], block.dense()[np.ix_(free, free)], rtol=1e-12)  # not left scaled
+    solver.destroy()
+    A.destroy()
+
+
 def elastic_solver(prefix, defaults):
     block = ElasticBlock(COMM, 3, 4)
     A = block.matrix(prefix)

@@ -100,6 +100,12 @@ def test_unused_option_is_an_error_with_a_suggestion(text, hint):
     assert text.split()[0] in str(caught.value) and hint in str(caught.value)
 
 
+def test_an_option_that_only_replaces_a_default_is_not_yet_used():
+    options.start("-solid_ksp_rtol 1e-3")
+    options.set_defaults("solid_", {"ksp_rtol": 1e-8})
+    assert options.unused_options() == ["solid_ksp_rtol"]
+
+
 def test_prefixes_of_absent_phases_are_exempt():
     options.start("-fluid_ksp_rtol 1e-3 -log_view :/dev/null")
     options.check_options(exempt_prefixes=("fluid_",))

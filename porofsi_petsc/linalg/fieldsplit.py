@@ -89,7 +89,7 @@ def fluid_fields(comm, first_node: int, n_owned_nodes: int, dim: int, block_size
 
     The block size of v is dim; that of p is block_size - dim, and 1 if the user asks for hypre there (see above).
     """
-    scalar = PETSc.Options(prefix).getString("fieldsplit_p_pc_type", "gamg") == "hypre"
+    scalar = PETSc.Options().getAll().get(prefix + "fieldsplit_p_pc_type") == "hypre"
     nodes = block_size * np.arange(first_node, first_node + n_owned_nodes)
     return {
         "v": _field(comm, nodes, np.arange(dim), dim),

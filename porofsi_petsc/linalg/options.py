@@ -54,9 +54,10 @@ def set_defaults(prefix: str, defaults: Mapping[str, object]) -> None:
     for full in [full for full, owner in _defaults.items() if owner == prefix]:
         database.delValue(full)
         del _defaults[full]
+    given = database.getAll()  # hasName would count as a use
     for name, value in defaults.items():
         full = prefix + name
-        if not database.hasName(full):
+        if full not in given:
             _defaults[full] = prefix
             database.setValue(full, None if value is None else str(value))
 
