@@ -9,8 +9,8 @@ import numpy as np
 class Plain:
     """x_{k+1} = F(x_k)."""
 
-    def __init__(self, dot, relaxation=None):
-        """Take the inner product; there is nothing to relax."""
+    def __init__(self, dot, relaxation=None, guard=None):
+        """Take the inner product; nothing is relaxed or guarded."""
         self._factor = 1.0
 
     def restart(self):
@@ -24,23 +24,21 @@ class Plain:
 class Constant(Plain):
     """x_{k+1} = x_k + ω (F(x_k) - x_k)."""
 
-    def __init__(self, dot, relaxation=None):
-        """Take the inner product and ω (default 0.5)."""
+    def __init__(self, dot, relaxation=None, guard=None):
+        """Take the inner product and ω (default 0.5); a constant needs no guard."""
         self._factor = 0.5 if relaxation is None else relaxation
 
 
 class Aitken:
     """Aitken's vector extrapolation, ω_{k+1} = -ω_k r_k·(r_{k+1} - r_k)/|r_{k+1} - r_k|² (Küttler & Wall 2008, eq. 44), guarded.
 
-    ω starts every step at its first value, so a step does not depend on the ones before, and is kept in
-    [LOWER, UPPER]: a factor near zero stalls, a negative or large one throws the iterate away.
+    ω starts every step at its first value, so that a step does not depend on the ones before, and stays within the guard: one
+    scalar cannot serve a whole spectrum, and a factor fitted to one error component magnifies the others.
     """
 
-    LOWER, UPPER = 0.3, 1.6
-
-    def __init__(self, dot, relaxation=None):
-        """Take the inner product and the first ω (default 1)."""
-        self._dot, self._first = dot, 1.0 if relaxation is None else relaxation
+    def __init__(self, dot, relaxation=None, guard=(0.05, 1.6)):
+        """Take the inner product, the first ω (default 1) and the guard (smallest, largest ω)."""
+        self._dot, self._first, self._guard = dot, 1.0 if relaxation is None else relaxation, guard
         self.restart()
 
     def restart(self):
@@ -55,7 +53,7 @@ class Aitken:
             norm2 = self._dot(change, change)
             if norm2 > 0:
                 omega = -self._omega * self._dot(self._previous, change) / norm2
-                self._omega = float(np.clip(omega, self.LOWER, self.UPPER))
+                self._omega = float(np.clip(omega, *self._guard))
         self._previous = residual
         return x + self._omega * residual
 
@@ -69,8 +67,8 @@ class Anderson:
 
     DEPTH, CUTOFF = 12, 1e-12
 
-    def __init__(self, dot, relaxation=None):
-        """Take the inner product and the factor of the first step (default 1)."""
+    def __init__(self, dot, relaxation=None, guard=None):
+        """Take the inner product and the factor of the first iteration (default 1); the least squares need no guard."""
         self._dot, self._first = dot, 1.0 if relaxation is None else relaxation
         self.restart()
 

@@ -5,10 +5,18 @@ import numpy as np
 from .convergence import Convergence
 
 
+# Guards of Aitken's factor by split.  The corrected split's error factors lie between 0 and 0.5 (measured 0.45 at low
+# permeability: at grid scale the fixed-stress Laplacian is up to twice the discrete answer of the skeleton), so the best factor is
+# near 1.2; the plain split's go far below -1 and want a small one.
+GUARDS = {"corrected": (0.9, 1.3), "plain": (0.05, 1.6)}
+
+
 class PorousCoupling:
     """Fluid with frozen skeleton, then skeleton with the new pressure and drag, one Newton step each, until the true residuals vanish.
 
-    The accelerated vector holds all that the next sweep remembers, v_f, p and u, each scaled by the norm of its first increment.
+    The accelerated vector holds all that the next sweep remembers, v_f, p and u, each scaled by the norm of an increment.  The
+    first sweep of a step is taken as it is: it only brings the fluid to the predicted skeleton (measured: accelerating it
+    doubles the iterations).
     """
 
     def __init__(self, solid, fluid, comm, accelerator, tolerance, max_iterations, full_newton):
@@ -40,7 +48,7 @@ class PorousCoupling:
                 self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
                 return
             if iteration < self._cap:
-                self._sweep(fluid_residuals, rates)
+                self._sweep(fluid_residuals, rates, iteration == 0)
         self._fail(t, step)
 
     def _begin(self, schemes, rates, t):
@@ -52,8 +60,8 @@ class PorousCoupling:
             self.fluid.prepare_tangent(rates, self.iterations, accepted)
             self.solid.prepare_tangent(rates, self.iterations)
 
-    def _sweep(self, fluid_residuals, rates):
-        """Do one Gauss-Seidel sweep and replace the trial state by the accelerated one."""
+    def _sweep(self, fluid_residuals, rates, first):
+        """Do one Gauss-Seidel sweep and, from the second on, replace the trial state by the accelerated one."""
         fluid, solid = self.fluid, self.solid
         before = fluid.unknowns, solid.unknowns
         if self._full_newton:
@@ -61,6 +69,8 @@ class PorousCoupling:
             solid.renew_tangent(rates)
         fluid.correct(fluid_residuals)
         solid.correct(solid.residual(fluid.flow()))
+        if first:
+            return
         after = fluid.unknowns, solid.unknowns
         if self._scale is None:
             self._scale = self._increment_norms(before, after)

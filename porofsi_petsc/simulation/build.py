@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..coupling.accelerators import ACCELERATORS
-from ..coupling.porous import PorousCoupling
+from ..coupling.porous import GUARDS, PorousCoupling
 from ..errors import InputError
 from ..fem.boundary import Dirichlet, SurfaceLoad, facet_normals
 from ..fem.distribute import distribute
@@ -178,7 +178,7 @@ def build_coupling(scene, mesh, stopwatch):
         solid,
         fluid,
         mesh.comm,
-        lambda dot: ACCELERATORS[choice.accelerator](dot, choice.relaxation),
+        lambda dot: ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split]),
         choice.tolerance,
         choice.max_iterations,
         choice.tangent == "newton",
