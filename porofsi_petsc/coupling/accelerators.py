@@ -30,7 +30,7 @@ class Constant(Plain):
 
 
 class Aitken:
-    """Aitken's vector extrapolation, ω_{k+1} = -ω_k r_k·(r_{k+1} - r_k)/|r_{k+1} - r_k|² (Küttler & Wall 2008, eq. 44), guarded.
+    """Aitken's vector extrapolation, ω_{k+1} = -ω_k r_k·(r_{k+1} - r_k)/|r_{k+1} - r_k|² (Küttler & Wall 2008).
 
     ω starts every step at its first value, so that a step does not depend on the ones before, and stays within the guard: one
     scalar cannot serve a whole spectrum, and a factor fitted to one error component magnifies the others.
@@ -61,7 +61,7 @@ class Aitken:
 class Anderson:
     """Anderson mixing (Walker & Ni 2011): F minus the combination of past differences that minimizes the residual.
 
-    x_{k+1} = F_k - Σ_j γ_j ΔF_j, γ = argmin |r_k - Σ_j γ_j Δr_j|, over the last DEPTH differences; the least-squares problem is solved
+    x_{k+1} = F_k - Σ_j γ_j ΔF_j, γ = argmin |r_k - Σ_j γ_j Δr_j|, over the last DEPTH differences; the least squares are solved
     through its Gram matrix with unit columns, singular values below CUTOFF dropped.
     """
 

@@ -4,15 +4,14 @@ import numpy as np
 
 from .convergence import Convergence
 
-
 # Guards of Aitken's factor by split.  The corrected split's error factors lie between 0 and 0.5 (measured 0.45 at low
-# permeability: at grid scale the fixed-stress Laplacian is up to twice the discrete answer of the skeleton), so the best factor is
-# near 1.2; the plain split's go far below -1 and want a small one.
+# permeability: at grid scale the fixed-stress Laplacian is up to twice the discrete answer of the skeleton), so the best
+# factor is near 1.2; the plain split's go far below -1 and want a small one.
 GUARDS = {"corrected": (0.9, 1.3), "plain": (0.05, 1.6)}
 
 
 class PorousCoupling:
-    """Fluid with frozen skeleton, then skeleton with the new pressure and drag, one Newton step each, until the true residuals vanish.
+    """Fluid with frozen skeleton, then skeleton with new pressure and drag, one Newton step each, to true residuals of zero.
 
     The accelerated vector holds all that the next sweep remembers, v_f, p and u, each scaled by the norm of an increment.  The
     first sweep of a step is taken as it is: it only brings the fluid to the predicted skeleton (measured: accelerating it
@@ -20,7 +19,7 @@ class PorousCoupling:
     """
 
     def __init__(self, solid, fluid, comm, accelerator, tolerance, max_iterations, full_newton):
-        """Take the phases, an accelerator made with `dot`, and what ends the iteration; full_newton renews tangents every sweep."""
+        """Take the phases, an accelerator made with `dot`, what ends the iteration; full_newton: new tangents in every sweep."""
         self.solid, self.fluid, self._comm = solid, fluid, comm
         self._accelerator = accelerator(self.dot)
         self._cap, self._full_newton = max_iterations, full_newton
@@ -98,7 +97,9 @@ class PorousCoupling:
 
     def _fail(self, t, step):
         self.reset()
-        raise self.convergence.failure(t, step, 'try a smaller step, coupling.accelerator = "anderson" or more coupling.max_iterations')
+        raise self.convergence.failure(
+            t, step, 'try a smaller step, coupling.accelerator = "anderson" or more coupling.max_iterations'
+        )
 
     def accept(self):
         """Make the trial states the accepted ones."""

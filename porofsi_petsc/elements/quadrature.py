@@ -1,7 +1,7 @@
 """Quadrature on the unit simplex: symmetric rules of low degree, collapsed Gauss-Jacobi products above."""
 
 import math
-from functools import lru_cache
+from functools import cache
 from itertools import permutations
 
 import numpy as np
@@ -38,7 +38,7 @@ SYMMETRIC = {
 }
 
 
-@lru_cache(maxsize=None)
+@cache
 def quadrature(dim, degree):
     """Return points, (Q, dim), and weights, (Q,), that integrate polynomials of the degree exactly on the unit simplex."""
     for available in sorted(d for s, d in SYMMETRIC if s == dim):

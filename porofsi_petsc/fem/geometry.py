@@ -52,7 +52,9 @@ def geometry(rule, coordinates):
     if not determinant.min() > 0:
         worst = int(np.argmin(determinant.min(axis=1)))
         centre = ", ".join(f"{c:.4g}" for c in coordinates[worst].mean(axis=0))
-        raise ConvergenceError(f"an element is inverted near ({centre}) m: the deformation is too large for the step; try a smaller step")
+        raise ConvergenceError(
+            f"an element is inverted near ({centre}) m: the deformation is too large for the step; try a smaller step"
+        )
     return Geometry(rule.dN @ jacobian_inverse, determinant * rule.weights)
 
 

@@ -26,8 +26,8 @@ VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
 class FlowElements:
     """Elements and coefficients of one chunk, frozen during an iteration.
 
-    N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; viscosity n μ is formed from
-    `mu` [Pa s]; tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg]; hessian (E, A, d, d) or None.
+    N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
+    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg]; hessian (E, A, d, d) or None.
     """
 
     N: np.ndarray
@@ -175,7 +175,9 @@ def flow_tangent(el, f, c_f, components):
         K[:, :, j, :, d] = bilinear((n * dV)[..., None] * np.broadcast_to(el.N, (E, Q, A)), Gq[..., j])
         if el.convection:
             K[:, :, j, :, d] += bilinear(streamline * n[..., None], Gq[..., j])
-        K[:, :, d, :, j] = bilinear(pspg * Gq[..., j], strong) - bilinear((n * dV)[..., None] * Gq[..., j], np.broadcast_to(el.N, (E, Q, A)))
+        K[:, :, d, :, j] = bilinear(pspg * Gq[..., j], strong) - bilinear(
+            (n * dV)[..., None] * Gq[..., j], np.broadcast_to(el.N, (E, Q, A))
+        )
         if full is not None:
             for i in range(d):
                 K[:, :, d, :, j] += bilinear(pspg * Gq[..., i], full[..., i, j])

@@ -6,7 +6,7 @@ import numpy as np
 def momentum_tau(transient, drag, viscous, convective):
     """Return τ = [(2ρ/Δt)² + S² + (4 n μ/h²)² + (ρ Σ_a |c·∇N_a|)²]^(-1/2), (E, Q) [m³ s/kg].
 
-    The arguments are the four scales [kg/(m³ s)] as arrays or floats; a term that is left out is 0 (Tezduyar & Osawa 2000 with the drag).
+    The arguments are the four scales [kg/(m³ s)], arrays or floats; a term left out is 0 (Tezduyar & Osawa 2000, drag added).
     """
     return 1 / np.sqrt(transient**2 + drag**2 + viscous**2 + convective**2)
 

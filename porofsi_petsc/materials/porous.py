@@ -1,7 +1,8 @@
 """One saturated porous material: what the kernels need of a point, from its volume ratio J."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Callable
+from typing import Any
 
 import numpy as np
 

@@ -228,7 +228,7 @@ class FluidPhase:
         self._solver.refactor()
 
     def _add_skeleton_answer(self, values, elements, material, rates):
-        """Add the inertia-aware fixed-stress term with α = n_s + χ n_f, the part of the pressure gradient that the skeleton feels."""
+        """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure gradient the skeleton feels."""
         chi = rates.dragged_fraction(elements.S, elements.rho)
         alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
         inertia = rates.moving_inertia(elements.S, material.rho_s, elements.rho) if self._setup.has_auxiliary else 1.0

@@ -5,8 +5,6 @@ import numpy as np
 from ..fem.domain import Configuration
 from ..kernels import solid as kernel
 from ..kernels.assemble import add_isotropic, mass_matrix
-from ..linalg.matrix import CooMatrix
-from ..linalg.solver import LinearSolver
 from ..stopwatch import timed
 from .residual import Residual
 from .tangent import TangentRule, with_ghosts
@@ -30,7 +28,7 @@ class SolidPhase:
         self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._rule = TangentRule(self._is_linear)
-        self._matrix = self._solver = self._configuration = None
+        self._matrix = self._solver = self._configuration = self._own = None
         self._reference = Configuration.at(self.domain, self.mesh.X, setup.with_hessian)
         self.assemblies = 0
 
@@ -60,7 +58,7 @@ class SolidPhase:
 
     def _update_rates(self):
         self._v1, self._a1 = self.scheme.rates(self._u1, self.u, self.v, self.a)
-        self._configuration = None
+        self._configuration = self._own = None
 
     @property
     def _u_alpha(self):
@@ -104,26 +102,37 @@ class SolidPhase:
     @timed("residual")
     def residual(self, flow):
         """Return the `Residual` of the trial state under the flow's pressure and drag [N]."""
-        domain, setup = self.domain, self._setup
-        configuration = self.skeleton().configuration
-        u = domain.gather(self._u_alpha)
-        p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
-        acceleration = domain.gather(self.scheme.acceleration_level(self.a, self._a1)) if setup.inertia else None
-        stress, pressure, drag = (np.empty(u.shape) for _ in range(3))
-        inertia = np.empty(u.shape) if setup.inertia else None
-        stiffness, reference = domain.reference_stiffness, domain.reference
-        for region, chunk in domain.chunks(self._doubles_per_cell):
-            material, current = setup.materials[region], configuration.geometry.part(chunk)
-            stress[chunk] = kernel.stress_residual(stiffness.G[chunk], stiffness.dV[chunk], material.elastic, u[chunk])
-            pressure[chunk], drag[chunk] = kernel.coupling_residual(
-                domain.mass.N, current, material, configuration.J[chunk], p[chunk], w[chunk]
-            )
+        terms = self._own_terms() | self._flow_terms(flow) | {"body": self._body, "traction": -self._traction}
+        return Residual(self.mesh.comm, terms, self._setup.dirichlet.free)
+
+    def _own_terms(self):
+        """Return the terms that depend on the skeleton alone; kept until its trial state changes."""
+        if self._own is None:
+            domain, setup = self.domain, self._setup
+            u = domain.gather(self._u_alpha)
+            elements = {"stress": np.empty(u.shape)}
             if setup.inertia:
-                inertia[chunk] = kernel.inertia_residual(domain.mass.N, reference.dV[chunk], material.rho_s, acceleration[chunk])
-        elements = {"stress": stress, "pressure": pressure, "drag": drag} | ({"inertia": inertia} if setup.inertia else {})
-        terms = {name: domain.scatter_add(vectors) for name, vectors in elements.items()}
-        terms |= {"body": self._body, "traction": -self._traction}
-        return Residual(self.mesh.comm, terms, setup.dirichlet.free)
+                acceleration = domain.gather(self.scheme.acceleration_level(self.a, self._a1))
+                elements["inertia"] = np.empty(u.shape)
+            for region, chunk in domain.chunks(self._doubles_per_cell):
+                material, stiffness = setup.materials[region], domain.reference_stiffness.part(chunk)
+                elements["stress"][chunk] = kernel.stress_residual(stiffness.G, stiffness.dV, material.elastic, u[chunk])
+                if setup.inertia:
+                    dV = domain.reference.dV[chunk]
+                    elements["inertia"][chunk] = kernel.inertia_residual(domain.mass.N, dV, material.rho_s, acceleration[chunk])
+            self._own = {name: domain.scatter_add(vectors) for name, vectors in elements.items()}
+        return self._own
+
+    def _flow_terms(self, flow):
+        """Return pressure and drag."""
+        domain, configuration = self.domain, self.skeleton().configuration
+        p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
+        pressure, drag = np.empty(w.shape), np.empty(w.shape)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material, current = self._setup.materials[region], configuration.geometry.part(chunk)
+            J = configuration.J[chunk]
+            pressure[chunk], drag[chunk] = kernel.coupling_residual(domain.mass.N, current, material, J, p[chunk], w[chunk])
+        return {"pressure": domain.scatter_add(pressure), "drag": domain.scatter_add(drag)}
 
     @property
     def _doubles_per_cell(self):
@@ -214,7 +223,7 @@ class SolidPhase:
     def reset(self):
         """Forget the trial state."""
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
-        self._configuration = None
+        self._configuration = self._own = None
 
     def state(self):
         """Return every array a restart needs, name -> (n_owned, d)."""

@@ -47,7 +47,7 @@ class TangentRule:
         return {"rates": rates, "built_with": self._built_with}
 
     def load(self, arrays, memory, mesh):
-        """Restore from a checkpoint; return the linearization point (empty for a linear phase), None when there was no tangent."""
+        """Restore from a checkpoint; return the linearization point (empty for a linear phase), None without a tangent."""
         self.rates = None if memory["rates"] is None else Rates(*memory["rates"])
         self._built_with = memory["built_with"]
         if self.rates is None:

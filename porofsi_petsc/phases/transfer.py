@@ -11,7 +11,7 @@ from ..fem.domain import Configuration
 class Skeleton:
     """From the solid to the fluid: configuration of the mesh and v_s on the collocation level, (n_local, d) [m/s].
 
-    end_velocity : v_s on the new level, which no-slip walls prescribe; displacement (n_local, d) [m] belongs to the configuration.
+    end_velocity : v_s on the new level, which no-slip walls prescribe; displacement : u (n_local, d) [m] of the configuration.
     """
 
     configuration: Configuration

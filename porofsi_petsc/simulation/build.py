@@ -49,7 +49,9 @@ def _require_materials(mesh, scene, where):
     covered = {region for material in scene.material for region in material.region}
     bare = [region for region in mesh.regions if region not in covered and "all" not in covered]
     if bare:
-        raise InputError(f"{where} [[material]]: region '{bare[0]}' of the mesh has no material; add an entry with region = \"{bare[0]}\"")
+        raise InputError(
+            f"{where} [[material]]: region '{bare[0]}' of the mesh has no material; add an entry with region = \"{bare[0]}\""
+        )
 
 
 def local_mesh(scene, comm):

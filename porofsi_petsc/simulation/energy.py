@@ -43,7 +43,9 @@ class Energy:
     @property
     def balance_error(self):
         """Return external work minus change of energy minus all dissipations [J]."""
-        dissipated = self.drag_dissipation + self.viscous_dissipation + self.stabilization_dissipation + self.time_scheme_dissipation
+        dissipated = (
+            self.drag_dissipation + self.viscous_dissipation + self.stabilization_dissipation + self.time_scheme_dissipation
+        )
         return self.external_work - (self.kinetic + self.elastic - self.initial) - dissipated
 
     def report(self):
@@ -58,7 +60,10 @@ class Energy:
             "stabilization_dissipation",
             "time_scheme_dissipation",
         ]
-        errors = {"balance_error": self.balance_error, "balance_error_relative": abs(self.balance_error) / scale if scale else 0.0}
+        errors = {
+            "balance_error": self.balance_error,
+            "balance_error_relative": abs(self.balance_error) / scale if scale else 0.0,
+        }
         return {name: getattr(self, name) for name in names} | errors
 
     def state(self):

@@ -115,7 +115,8 @@ class TimeLoop:
                 self.clock.grow()
                 reason = stop.reason()
                 if reason and not self.clock.finished:
-                    raise Stopped(f"stopped by {reason} at t = {self.clock.t:g} s (step {self.clock.step}); restart from {self._records.checkpoint_path}")
+                    where = f"t = {self.clock.t:g} s (step {self.clock.step})"
+                    raise Stopped(f"stopped by {reason} at {where}; restart from {self._records.checkpoint_path}")
         except Exception:
             self._records.checkpoint(self.clock, self.iterations)
             raise

@@ -61,7 +61,7 @@ class Measures:
         return self._average(values)
 
     def stress(self, u):
-        """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy, yz, zz (plane strain in 2-D)."""
+        """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy, yz, zz (2-D: plane strain)."""
         domain = self._domain
         nodal = domain.gather(u)
         values = np.empty((domain.n_cells, 6))
@@ -111,10 +111,9 @@ class Measures:
         for omission in self._omissions:
             size = self.sizes[omission.name] = max(self.sizes[omission.name], found[omission.name]())
             if omission.bound is not None and size > omission.bound:
-                raise InputError(
-                    f"[limits] {omission.name}: at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning}); "
-                    f'model it, or set limits.{omission.name} to a larger bound or to "report"'
-                )
+                found_there = f"at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning})"
+                advice = f'model it, or set limits.{omission.name} to a larger bound or to "report"'
+                raise InputError(f"[limits] {omission.name}: {found_there}; {advice}")
 
     def neglected(self):
         """Return name -> value, bound, meaning for the summary."""
@@ -214,7 +213,9 @@ def _omissions(scene, materials):
     if any(material.elastic.small_strain for material in materials.values()):
         yield Omission("strain", bound["strain"], "largest norm of the Green strain under a small-strain law")
     if not model.moving_mesh:
-        yield Omission("mesh_displacement", bound["mesh_displacement"], "largest displacement over element size on the fixed mesh")
+        yield Omission(
+            "mesh_displacement", bound["mesh_displacement"], "largest displacement over element size on the fixed mesh"
+        )
     if not model.convection:
         meaning = "convection over transient, drag and viscous forces at element scale"
         yield Omission("reynolds", bound["reynolds"], meaning)

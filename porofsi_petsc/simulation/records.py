@@ -122,4 +122,3 @@ class Records:
         if "n_f" in wanted:
             arrays["n_f"] = self._mesh.halo.extend(self._measures.porosity(solid.accepted_skeleton()))
         return {name: self._probes.evaluate(arrays[name]) for name in sorted(wanted)}
-

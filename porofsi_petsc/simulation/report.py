@@ -72,6 +72,8 @@ def _peak_memory(comm):
 
 def _modelled(scene):
     model = scene.model
-    terms = [name for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh") if getattr(model, name)]
+    terms = [
+        name for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh") if getattr(model, name)
+    ]
     terms += [f"{model.porosity} porosity"] + sorted({entry.solid.law for entry in scene.material})
     return terms + [name for name in ("pspg", "supg", "lsic", "undrained") if getattr(scene.stabilization, name)]

@@ -16,7 +16,8 @@ def resume(path, mesh, scene, text, loop, coupling, energy, measures):
     header, arrays = read_checkpoint(path, mesh)
     _require_same_scene(path, parse_toml(header["scene"]), parse_toml(text))
     if header["time"] >= scene.time.end:
-        raise InputError(f"{path}: the checkpoint is at t = {header['time']:g} s, expected less than time.end = {scene.time.end:g} s; raise time.end")
+        received = f"the checkpoint is at t = {header['time']:g} s"
+        raise InputError(f"{path}: {received}, expected less than time.end = {scene.time.end:g} s; raise time.end")
     loop.clock.load(header["clock"])
     loop.iterations.extend(header["iterations"])
     schemes, rates = loop.clock.next_schemes(scene.model)
@@ -30,7 +31,8 @@ def _require_same_scene(path, before, now):
         old, new = before.get(section), now.get(section)
         if old != new:
             key, received, expected = _difference(section, new, old)
-            raise InputError(f"{path} [{key}]: the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value")
+            text = f"the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value"
+            raise InputError(f"{path} [{key}]: {text}")
 
 
 def _difference(key, new, old):

@@ -93,7 +93,9 @@ class _Run:
         expectations = on_root(self.comm, self._expectations)
         if exit_code == 0 and failed(expectations):
             exit_code = ExpectationError.exit_code
-        files = on_root(self.comm, lambda: sorted(str(p.relative_to(self.directory)) for p in self.directory.rglob("*") if p.is_file()))
+        files = on_root(
+            self.comm, lambda: sorted(str(p.relative_to(self.directory)) for p in self.directory.rglob("*") if p.is_file())
+        )
         parts = self.coupling, self.loop, self.energy, self.measures, self.stopwatch
         summary = summarize(self.scene, *parts, expectations, files, exit_code)
         on_root(self.comm, write_summary, self.directory, summary)
@@ -135,14 +137,15 @@ class _Run:
         misses = failed(summary["expectations"])
         if misses:
             first = misses[0]
+            count = f"{len(misses)} of {len(summary['expectations'])} expectations failed"
             raise ExpectationError(
-                f"{len(misses)} of {len(summary['expectations'])} expectations failed, the first: {first['quantity']} computed {first['value']:.6g}, "
+                f"{count}, the first: {first['quantity']} computed {first['value']:.6g}, "
                 f"reference {first['reference']:.6g}, error {first['error']:.2g} > {first['tolerance']:.2g}"
             )
 
 
 def check(scene):
-    """Return a description of what a scene would solve; raises InputError as a run would, before anything is computed (collective)."""
+    """Return a description of what a scene would solve; raises InputError as a run would (collective)."""
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     build_coupling(scene, mesh, Stopwatch())
     tags = ", ".join(sorted(mesh.facets))
@@ -151,4 +154,3 @@ def check(scene):
         f"{scene.title}\n{mesh.n_cells_global} elements {mesh.element.name}, {mesh.n_global} nodes, {unknowns} unknowns\n"
         f"regions: {', '.join(mesh.regions)}; boundaries: {tags}\nto t = {scene.time.end:g} s in steps of {scene.time.step:g} s"
     )
-
