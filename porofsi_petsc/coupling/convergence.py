@@ -4,6 +4,8 @@ from ..errors import ConvergenceError
 
 # A force below this part of the largest one of the run is round-off: a field at rest needs no digits.
 FLOOR = 1e-9
+# A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py).
+SLOW, WARM_UP = 0.65, 4
 
 
 class Convergence:
@@ -27,6 +29,12 @@ class Convergence:
             errors[field] = residual / scale if residual else 0.0
         self.history.append(errors)
         return max(errors.values()) <= self.tolerance
+
+    @property
+    def slow(self):
+        """Return whether the last two sweeps reduced the residual by less than SLOW each on average."""
+        errors = [max(errors.values()) for errors in self.history[-3:]]
+        return len(self.history) > WARM_UP and errors[-1] > SLOW**2 * errors[0]
 
     def failure(self, t, step, advice):
         """Return the ConvergenceError of a step that reached its cap."""

@@ -7,6 +7,7 @@ from .convergence import Convergence
 # Guards of Aitken's factor by split.  The corrected split's error factors lie between 0 and 0.5 (measured 0.45 at low
 # permeability: at grid scale the fixed-stress Laplacian is up to twice the discrete answer of the skeleton), so the best
 # factor is near 1.2; the plain split's go far below -1 and want a small one.
+PATIENCE = 3  # sweeps between two renewals of lagged tangents within a step
 GUARDS = {"corrected": (0.9, 1.3), "plain": (0.05, 1.6)}
 
 
@@ -24,6 +25,7 @@ class PorousCoupling:
         self._accelerator = accelerator(self.dot)
         self._cap, self._full_newton = max_iterations, full_newton
         self.convergence = Convergence(tolerance)
+        self._linear = solid.is_linear and fluid.is_linear
         self.iterations, self.residuals = 0, None
 
     def dot(self, a, b):
@@ -38,7 +40,7 @@ class PorousCoupling:
         self._begin(schemes, rates, t)
         self._accelerator.restart()
         self.convergence.start_step()
-        self._scale = None
+        self._scale, self._renewed_at = None, 0
         for iteration in range(self._cap + 1):
             self.fluid.follow(self.solid.skeleton())
             fluid_residuals = self.fluid.residual(self.solid.skeleton())
@@ -47,6 +49,7 @@ class PorousCoupling:
                 self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
                 return
             if iteration < self._cap:
+                self._renew_tangents(iteration, rates)
                 self._sweep(fluid_residuals, rates, iteration == 0)
         self._fail(t, step)
 
@@ -59,13 +62,23 @@ class PorousCoupling:
             self.fluid.prepare_tangent(rates, self.iterations, accepted)
             self.solid.prepare_tangent(rates, self.iterations)
 
+    def _renew_tangents(self, iteration, rates):
+        """Renew both tangents at the trial state: in every sweep of full Newton, else where lagged ones are slow or far away."""
+        worn = not (self._linear or self._full_newton) and (self.fluid.strayed(self.solid.skeleton()) or self._slow(iteration))
+        if self._full_newton or worn:
+            self.fluid.renew_tangent(rates, self.solid.skeleton())
+            self.solid.renew_tangent(rates)
+            self._renewed_at = iteration
+        if worn:
+            self._accelerator.restart()
+
+    def _slow(self, iteration):
+        return iteration - self._renewed_at >= PATIENCE and self.convergence.slow
+
     def _sweep(self, fluid_residuals, rates, first):
         """Do one Gauss-Seidel sweep and, from the second on, replace the trial state by the accelerated one."""
         fluid, solid = self.fluid, self.solid
         before = fluid.unknowns, solid.unknowns
-        if self._full_newton:
-            fluid.renew_tangent(rates, solid.skeleton())
-            solid.renew_tangent(rates)
         fluid.correct(fluid_residuals)
         solid.correct(solid.residual(fluid.flow()))
         if first:

@@ -27,6 +27,13 @@ class Halo:
         self._to = [(r, slice(offsets[r], offsets[r + 1])) for r in np.flatnonzero(sent).tolist()]
         self._from = [(r, slice(limits[r], limits[r + 1])) for r in np.flatnonzero(received).tolist()]
 
+    def extend(self, owned):
+        """Return a field (n_local, ...) with ghosts from its owned rows (n_owned, ...); collective."""
+        field = np.empty((self._n_local, *owned.shape[1:]), dtype=owned.dtype)
+        field[: self._n_owned] = owned
+        self.update(field)
+        return field
+
     def update(self, array):
         """Overwrite the ghost rows of an array (n_local, ...) of any dtype by the owners' values, in place; collective."""
         if len(array) != self._n_local:

@@ -27,7 +27,8 @@ class FlowElements:
     """Elements and coefficients of one chunk, frozen during an iteration.
 
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
-    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg]; hessian (E, A, d, d) or None.
+    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg];
+    hessian (E, A, d, d) or None.
     """
 
     N: np.ndarray

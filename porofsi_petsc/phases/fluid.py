@@ -7,8 +7,10 @@ from ..kernels import stabilization
 from ..stopwatch import timed
 from .residual import Residual
 from .solid import body_acceleration
-from .tangent import TangentRule, with_ghosts
+from .tangent import TangentRule
 from .transfer import Flow
+
+STRAY = 0.02  # change of the volume ratio after which a lagged tangent is renewed within a step
 
 
 class FluidPhase:
@@ -25,13 +27,14 @@ class FluidPhase:
         self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
         self.v, self.a = (np.zeros((self.mesh.n_local, self.mesh.dim)) for _ in range(2))
         self.p = np.zeros(self.mesh.n_local)
-        self._rule = TangentRule(self._is_linear)
+        self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = self._parameters = self._parameters_of = None
         self.assemblies = 0
         self.reset()
 
     @property
-    def _is_linear(self):
+    def is_linear(self):
+        """Return whether the tangent depends on nothing but the rates."""
         return not (self._setup.convection or self._setup.moving_mesh)
 
     @property
@@ -140,7 +143,7 @@ class FluidPhase:
 
     def _update_parameters(self, rates, skeleton, v):
         """Set τ, ν_L and c_v τ_u from the state at the start of the step; they are kept where nothing in them changes."""
-        if self._is_linear and self._parameters_of == rates:
+        if self.is_linear and self._parameters_of == rates:
             return
         domain, setup = self.domain, self._setup
         shape = (domain.n_cells, len(domain.mass.weights))
@@ -197,6 +200,15 @@ class FluidPhase:
         self._rule.forget()
         self._assemble(skeleton, rates, self._trial_fields(skeleton))
 
+    def strayed(self, skeleton):
+        """Return whether a volume ratio differs by more than STRAY from the one in the tangent (collective).
+
+        The drag grows like n_f²/k_f(J), and what a stale drag leaves of S w_rel is a force on the skeleton: with S/S_tangent =
+        0.5 after a first large step the iteration blew up at k_f = 1e-6 m/s.
+        """
+        change = np.abs(skeleton.configuration.J / self._tangent_J - 1).max(initial=0.0)
+        return max(self.mesh.comm.allgather(change)) > STRAY
+
     def expire_tangent(self):
         """Ask for a new tangent at the start of the next step."""
         self._rule.forget()
@@ -222,6 +234,7 @@ class FluidPhase:
             if self._setup.split == "corrected":
                 self._add_skeleton_answer(values[chunk], elements, self._setup.materials[region], rates)
         self._matrix.assemble()
+        self._tangent_J = skeleton.configuration.J
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix, self.components)
@@ -264,7 +277,7 @@ class FluidPhase:
 
         scheme : of the next step; skeleton_at(u, v) : `SolidPhase.skeleton_at`.
         """
-        self.v, self.a, self.p = (with_ghosts(self.mesh, arrays[name]) for name in ("v", "a", "p"))
+        self.v, self.a, self.p = (self.mesh.halo.extend(arrays[name]) for name in ("v", "a", "p"))
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)
         if point is None or self._rule.rates != rates:

@@ -7,7 +7,7 @@ from ..kernels import solid as kernel
 from ..kernels.assemble import add_isotropic, mass_matrix
 from ..stopwatch import timed
 from .residual import Residual
-from .tangent import TangentRule, with_ghosts
+from .tangent import TangentRule
 from .transfer import Skeleton
 
 
@@ -27,13 +27,14 @@ class SolidPhase:
         shape = (self.mesh.n_local, self.mesh.dim)
         self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
-        self._rule = TangentRule(self._is_linear)
+        self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = self._configuration = self._own = None
         self._reference = Configuration.at(self.domain, self.mesh.X, setup.with_hessian)
         self.assemblies = 0
 
     @property
-    def _is_linear(self):
+    def is_linear(self):
+        """Return whether the tangent depends on nothing but the rates."""
         return all(m.elastic.small_strain for m in self._setup.materials.values()) and not self._setup.moving_mesh
 
     def set_initial(self, displacement, velocity):
@@ -236,7 +237,7 @@ class SolidPhase:
 
     def load_state(self, arrays, memory, rates):
         """Continue from `state` and `memory`; a tangent that fits the rates of the next step is made again where it was."""
-        self.u, self.v, self.a = (with_ghosts(self.mesh, arrays[name]) for name in ("u", "v", "a"))
+        self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)
         if point is None or self._rule.rates != rates:

@@ -1,7 +1,5 @@
 """When a lagged tangent is renewed, and what a restart needs to make the same one again."""
 
-import numpy as np
-
 from .transfer import Rates
 
 WEAR_FACTOR, WEAR_OFFSET = 1.5, 2
@@ -53,13 +51,5 @@ class TangentRule:
         if self.rates is None:
             return None
         named = {name.removeprefix("tangent_"): array for name, array in arrays.items() if name.startswith("tangent_")}
-        self._point = {name: with_ghosts(mesh, owned) for name, owned in named.items()}
+        self._point = {name: mesh.halo.extend(owned) for name, owned in named.items()}
         return self._point
-
-
-def with_ghosts(mesh, owned):
-    """Return a field (n_local, ...) from its owned rows (n_owned, ...) (collective)."""
-    field = np.zeros((mesh.n_local, *owned.shape[1:]))
-    field[: mesh.n_owned] = owned
-    mesh.halo.update(field)
-    return field
