@@ -13,8 +13,12 @@ class InputError(PorofsiError):
     exit_code = 2
 
 
+class LimitError(InputError):
+    """A term that the scene leaves out has passed its bound; raised on all ranks together, after an accepted step."""
+
+
 class ConvergenceError(PorofsiError):
-    """An iteration reached its cap or a linear solver failed; nothing was accepted."""
+    """An iteration reached its cap, a linear solver failed or a trial state is inadmissible; raised on all ranks together."""
 
     exit_code = 3
 

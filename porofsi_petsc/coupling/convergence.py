@@ -1,5 +1,7 @@
 """When a partitioned step is converged: the true residual of every field over the largest force of the step."""
 
+from math import isfinite
+
 from ..errors import ConvergenceError
 
 # A force below this part of the largest one of the run is round-off: a field at rest needs no digits.
@@ -27,6 +29,10 @@ class Convergence:
             self.largest[field] = max(force, self.largest.get(field, 0.0))
             scale = max(self._scales[field], FLOOR * self.largest[field])
             errors[field] = residual / scale if residual else 0.0
+            if not isfinite(errors[field]):
+                raise ConvergenceError(
+                    f"the {field} residual is not finite after {len(self.history)} iterations; try a smaller step"
+                )
         self.history.append(errors)
         return max(errors.values()) <= self.tolerance
 

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse
 
+from ..errors import ConvergenceError
 from .geometry import Rule, element_size, geometry, shape_hessians
 
 CHUNK_BYTES = 2_000_000  # element matrices of one chunk; about the size of a core's second-level cache
@@ -74,6 +75,15 @@ class Domain:
         """Return the element sizes in the reference configuration, (E,) [m]."""
         return element_size(self.element, self.mass, self.reference)
 
+    def require(self, admissible, what):
+        """Raise ConvergenceError on all ranks unless the condition, (E, ...) bool, holds in every element (collective)."""
+        bad = np.flatnonzero(~admissible.reshape(self.n_cells, -1).all(axis=1))
+        centre = self.mesh.X[self.cells[bad[0]]].mean(axis=0).tolist() if len(bad) else None
+        found = [place for place in self.mesh.comm.allgather(centre) if place]
+        if found:
+            where = ", ".join(f"{c:.4g}" for c in found[0])
+            raise ConvergenceError(f"{what} (element at ({where}) m of the reference); try a smaller step")
+
     def sum_owned(self, cell_values):
         """Return the sum over the elements of all ranks of values (E,)."""
         return self.mesh.comm.allreduce(float(cell_values[self.owned].sum()))
@@ -96,5 +106,6 @@ class Configuration:
         """Return the configuration with nodal positions (n_local, d) [m]; raises ConvergenceError on inverted elements."""
         coordinates = domain.gather(positions)
         current = geometry(domain.mass, coordinates)
+        domain.require(current.dV > 0, "an element is inverted: the deformation is too large for the step")
         hessian = shape_hessians(domain.element, coordinates) if with_hessian and domain.element.order > 1 else None
         return cls(current, current.dV / domain.reference.dV, hessian)

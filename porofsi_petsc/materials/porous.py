@@ -6,6 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from .permeability import ehlers_eipper, kozeny_carman, markert
+
+POROSITY_LAWS = (markert, ehlers_eipper, kozeny_carman)
+
 
 @dataclass(frozen=True)
 class PorousMaterial:
@@ -35,6 +39,12 @@ class PorousMaterial:
     def drag(self, J):
         """Return S = n_f² γ_fR/k_f(J) [N s/m^4], the shape of J."""
         return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability(J, self.n_s0, self.exponent)
+
+    def open_pores(self, J):
+        """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when nothing depends on it."""
+        if self.variable_porosity or self.permeability in POROSITY_LAWS:
+            return self.n_s0 < J
+        return np.ones(J.shape, dtype=bool)
 
     @property
     def rho_s(self):

@@ -11,14 +11,14 @@ STATISTICS = {
 ROUNDING = 1e-9  # relative: a last time that misses the asked one by rounding is not a history that is too short
 
 
-def evaluate(expectations, history):
+def evaluate(expectations, history, complete=True):
     """Return one record per expectation: quantity, at, statistic, value, reference, error, tolerance, passed, reason, source.
 
     expectations : objects with quantity, at [s] or statistic, value, tolerance, scale (None: |value|), source.
     history : dict column -> (rows,), as read_history gives.  The error is |computed - expected| / scale; a time that the
-    history does not cover is skipped: passed None and a reason.
+    history does not cover is skipped: passed None and a reason; so is a statistic of a run that did not complete.
     """
-    return [_record(expectation, history) for expectation in expectations]
+    return [_record(expectation, history, complete) for expectation in expectations]
 
 
 def failed(records):
@@ -26,8 +26,8 @@ def failed(records):
     return [record for record in records if record["passed"] is False]
 
 
-def _record(expectation, history):
-    value, reason = _computed(expectation, history)
+def _record(expectation, history, complete):
+    value, reason = _computed(expectation, history, complete)
     error = None if value is None else _relative(abs(value - expectation.value), expectation.scale or abs(expectation.value))
     return {
         "quantity": expectation.quantity,
@@ -49,10 +49,12 @@ def _relative(difference, scale):
     return float(difference / scale)
 
 
-def _computed(expectation, history):
+def _computed(expectation, history, complete):
     t, values = history["t"], history[expectation.quantity]
     if len(t) == 0:
         return None, "the history is empty"
+    if expectation.at is None and not complete:
+        return None, "the run did not reach its end"
     if expectation.at is None:
         return float(STATISTICS[expectation.statistic](values)), None
     slack = ROUNDING * max(abs(t[0]), abs(t[-1]))

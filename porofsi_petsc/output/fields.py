@@ -1,8 +1,8 @@
 """Fields over time: one HDF5 file per written time, the mesh once, and an XDMF file for ParaView and meshio.
 
-    fields.xdmf              temporal collection, replaced after every written time
-    fields/mesh.h5           points (N, 3) [m], cells (E, A), region (E,); natural order of nodes and cells
-    fields/000010.h5         step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy xz yy yz zz
+fields.xdmf              temporal collection, replaced after every written time
+fields/mesh.h5           points (N, 3) [m], cells (E, A), region (E,); natural order of nodes and cells
+fields/000010.h5         step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy xz yy yz zz
 """
 
 from pathlib import Path
@@ -125,10 +125,10 @@ def _grid(snapshot, element, n_points, cells_shape):
     lines = [
         f'<Grid Name="step {snapshot.step}" GridType="Uniform"><Time Value="{snapshot.time:.17g}"/>',
         f'<Topology TopologyType="{TOPOLOGY[element]}" NumberOfElements="{cells_shape[0]}">'
-        f'{_item(f"{mesh}:/cells", cells_shape, "Int", 8)}</Topology>',
+        f"{_item(f'{mesh}:/cells', cells_shape, 'Int', 8)}</Topology>",
         f'<Geometry GeometryType="XYZ">{_item(f"{mesh}:/points", (n_points, 3), "Float", 8)}</Geometry>',
         f'<Attribute Name="region" AttributeType="Scalar" Center="Cell">'
-        f'{_item(f"{mesh}:/region", cells_shape[:1], "Int", 4)}</Attribute>',
+        f"{_item(f'{mesh}:/region', cells_shape[:1], 'Int', 4)}</Attribute>",
     ]
     for name, shape in snapshot.shapes.items():
         item = _item(f"{FOLDER}/{snapshot.path.name}:/{name}", shape, "Float", 8)

@@ -87,7 +87,12 @@ class SolidPhase:
     def _configuration_at(self, u):
         if not self._setup.moving_mesh:
             return self._reference
-        return Configuration.at(self.domain, self.mesh.X + u, self._setup.with_hessian)
+        configuration = Configuration.at(self.domain, self.mesh.X + u, self._setup.with_hessian)
+        admissible = np.ones(configuration.J.shape, dtype=bool)
+        for region, span in self.domain.region_slices.items():
+            admissible[span] = self._setup.materials[region].open_pores(configuration.J[span])
+        self.domain.require(admissible, "the pores are closed, J <= n_s0: the skeleton is compacted")
+        return configuration
 
     @property
     def unknowns(self):

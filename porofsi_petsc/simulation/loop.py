@@ -4,13 +4,14 @@ import signal
 import time
 
 from ..clock import backward_euler, first_order, second_order
-from ..errors import ConvergenceError, Stopped
+from ..errors import ConvergenceError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
 from .energy import step_powers
 
 ABSENT_PREFIXES = ("mesh_",)  # solvers that no porous scene has; their options may stand in a shared options file
+COLLECTIVE = (ConvergenceError, LimitError, Stopped)  # raised on all ranks together, so that what follows may be collective
 SNAP = 1e-9  # a step that ends this close (in steps) to a multiple of the step, or to the end, ends there
 
 
@@ -87,10 +88,11 @@ class StopRequest:
     def reason(self):
         """Return why the run must stop, or an empty string (collective)."""
         late = self._deadline is not None and time.monotonic() > self._deadline
-        received, late = max(self._comm.allgather((self._received, late)))
+        everyone = self._comm.allgather((self._received, late))
+        received = max(number for number, _ in everyone)
         if received:
             return f"signal {signal.Signals(received).name}"
-        return "the time limit --max-time" if any(self._comm.allgather(late)) else ""
+        return "the time limit --max-time" if any(late for _, late in everyone) else ""
 
     def restore(self):
         """Give the signals their former handlers."""
@@ -108,7 +110,7 @@ class TimeLoop:
         self.iterations = []
 
     def run(self, stop):
-        """Advance to the end; raises ConvergenceError, InputError (a limit passed) or Stopped, each after a checkpoint."""
+        """Advance to the end; raises ConvergenceError, LimitError or Stopped, each after a checkpoint."""
         try:
             while not self.clock.finished:
                 self._advance(self.clock.next_target())
@@ -117,7 +119,7 @@ class TimeLoop:
                 if reason and not self.clock.finished:
                     where = f"t = {self.clock.t:g} s (step {self.clock.step})"
                     raise Stopped(f"stopped by {reason} at {where}; restart from {self._records.checkpoint_path}")
-        except Exception:
+        except COLLECTIVE:
             self._records.checkpoint(self.clock, self.iterations)
             raise
 

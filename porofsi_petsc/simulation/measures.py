@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import LimitError
 from ..fem.boundary import owned_nodes
 from ..kernels.solid import deformation_gradient
 from ..kernels.stabilization import convective_scale
@@ -99,7 +99,7 @@ class Measures:
     # -- neglected terms --------------------------------------------------------------------------------------------------
 
     def watch_neglected(self, t, solid, fluid, residuals):
-        """Update the sizes of the neglected terms; raises InputError when one passes its bound (collective)."""
+        """Update the sizes of the neglected terms; raises LimitError when one passes its bound (collective)."""
         found = {
             "strain": lambda: self._largest_strain(solid.u),
             "mesh_displacement": lambda: self._mesh_displacement(solid.u),
@@ -113,7 +113,7 @@ class Measures:
             if omission.bound is not None and size > omission.bound:
                 found_there = f"at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning})"
                 advice = f'model it, or set limits.{omission.name} to a larger bound or to "report"'
-                raise InputError(f"[limits] {omission.name}: {found_there}; {advice}")
+                raise LimitError(f"[limits] {omission.name}: {found_there}; {advice}")
 
     def neglected(self):
         """Return name -> value, bound, meaning for the summary."""

@@ -3,7 +3,7 @@
 from mpi4py import MPI
 
 from ..config import scene_to_toml
-from ..errors import ExpectationError, PorofsiError
+from ..errors import ExpectationError
 from ..log import logger, start_log, stop_log
 from ..output.directory import prepare
 from ..output.expectations import evaluate, failed
@@ -15,7 +15,7 @@ from ..output.summary import write_summary
 from ..stopwatch import Stopwatch
 from .build import build_coupling, local_mesh, porous_materials
 from .energy import Energy
-from .loop import StopRequest, TimeLoop
+from .loop import COLLECTIVE, StopRequest, TimeLoop
 from .measures import Measures
 from .records import Records
 from .report import summarize
@@ -52,25 +52,21 @@ class _Run:
         self.loop = TimeLoop(scene, coupling, self.energy, measures, self.records)
 
     def go(self, restart, max_time):
-        """Run to the end and return the summary; on a PorofsiError write the summary first."""
+        """Run to the end and return the summary; it is written before an error that all ranks share ends the run."""
         text = scene_to_toml(self.scene)
         self._start(restart, text)
         on_root(self.comm, write_text, self.directory / "scene.toml", text)
-        stop, exit_code = StopRequest(self.comm, max_time), 1
+        stop = StopRequest(self.comm, max_time)
         progress = Progress(self.scene.time.end, self.quiet, start_time=self.loop.clock.t, rank=self.comm.rank)
         try:
             self.records.progress = progress
             self.loop.run(stop)
-            exit_code = 0
-        except PorofsiError as error:
-            exit_code = error.exit_code
+        except COLLECTIVE as error:
+            self._finish(progress, error.exit_code)
             raise
         finally:
             stop.restore()
-            progress.close()
-            self.records.close()
-            if exit_code != 1:
-                summary = self._finish(exit_code)
+        summary = self._finish(progress, 0)
         self._judge(summary)
         return summary
 
@@ -86,11 +82,13 @@ class _Run:
         self.records.open(resumed_at=self.loop.clock.t)
         logger.info("continued from %s at t = %g s (step %d)", restart, self.loop.clock.t, self.loop.clock.step)
 
-    def _finish(self, exit_code):
-        """Write figures and summary; return the summary."""
+    def _finish(self, progress, exit_code):
+        """Close the files, write figures and summary; return the summary (collective)."""
+        progress.close()
+        self.records.close()
         with self.stopwatch.measure("output"):
             on_root(self.comm, make_figures, self.directory)
-        expectations = on_root(self.comm, self._expectations)
+        expectations = on_root(self.comm, self._expectations, exit_code == 0)
         if exit_code == 0 and failed(expectations):
             exit_code = ExpectationError.exit_code
         files = on_root(
@@ -102,8 +100,8 @@ class _Run:
         self._say(summary)
         return summary
 
-    def _expectations(self):
-        return evaluate(self.scene.expect, read_history(self.directory / "history.csv"))
+    def _expectations(self, complete):
+        return evaluate(self.scene.expect, read_history(self.directory / "history.csv"), complete)
 
     def _say(self, summary):
         iterations, energy = summary["coupling_iterations"], summary["energy"]
