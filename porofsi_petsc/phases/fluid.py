@@ -3,10 +3,10 @@
 import numpy as np
 
 from ..kernels import flow as kernel
-from ..kernels import stabilization
 from ..stopwatch import timed
+from .loads import body_acceleration
+from .parameters import StabilizationParameters
 from .residual import Residual
-from .solid import body_acceleration
 from .tangent import TangentRule
 from .transfer import Flow
 
@@ -28,7 +28,8 @@ class FluidPhase:
         self.v, self.a = (np.zeros((self.mesh.n_local, self.mesh.dim)) for _ in range(2))
         self.p = np.zeros(self.mesh.n_local)
         self._rule = TangentRule(self.is_linear)
-        self._matrix = self._solver = self._parameters = self._parameters_of = None
+        self._matrix = self._solver = None
+        self._parameters = StabilizationParameters(setup)
         self.assemblies = 0
         self.reset()
 
@@ -66,7 +67,7 @@ class FluidPhase:
         shape = (self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim)
         b = self._setup.body_force
         self._b = body_acceleration(self.domain, b, t_alpha) if b else np.broadcast_to(0.0, shape)
-        self._update_parameters(rates, skeleton, self.v)
+        self._parameters.update(self.scheme.dt, rates, skeleton, self.v)
 
     def _update_rates(self):
         if self._setup.inertia:
@@ -141,35 +142,11 @@ class FluidPhase:
 
     # -- coefficients -----------------------------------------------------------------------------------------------------
 
-    def _update_parameters(self, rates, skeleton, v):
-        """Set τ, ν_L and c_v τ_u from the state at the start of the step; they are kept where nothing in them changes."""
-        if self.is_linear and self._parameters_of == rates:
-            return
-        domain, setup = self.domain, self._setup
-        shape = (domain.n_cells, len(domain.mass.weights))
-        tau, nu, tau_u = np.empty(shape), np.zeros(shape), np.empty(shape)
-        c = domain.gather(v - skeleton.mesh_velocity)
-        for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * self.mesh.dim):
-            material, configuration = setup.materials[region], skeleton.configuration
-            J, G, h = configuration.J[chunk], configuration.geometry.G[chunk], domain.h[chunk]
-            n = material.fluid_fraction(J)
-            rho = n * material.rho_fR
-            convective = stabilization.convective_scale(domain.mass.N, G, rho, c[chunk]) if setup.convection else 0.0
-            transient = 2 * rho / self.scheme.dt if setup.inertia else 0.0
-            viscous = 4 * n * material.viscosity / h[:, None] ** 2
-            tau[chunk] = setup.pspg * stabilization.momentum_tau(transient, material.drag(J), viscous, convective)
-            if setup.convection and setup.lsic:
-                nu[chunk] = stabilization.lsic_viscosity(domain.mass.N, rho, c[chunk], h)
-            rho_total = material.rho_s + (1 - material.n_s0) * material.rho_fR
-            compliance = stabilization.undrained_tau(material.elastic.oedometer_modulus, h, rates.c_a, rho_total)
-            tau_u[chunk] = setup.undrained * rates.c_v * compliance[:, None]
-        self._parameters, self._parameters_of = (tau, nu, tau_u), rates
-
     def _elements(self, region, chunk, configuration):
         material, setup = self._setup.materials[region], self._setup
         J = configuration.J[chunk]
         n = material.fluid_fraction(J)
-        tau, nu, tau_u = (parameter[chunk] for parameter in self._parameters)
+        stabilization = self._parameters
         return kernel.FlowElements(
             N=self.domain.mass.N,
             geometry=configuration.geometry.part(chunk),
@@ -177,10 +154,10 @@ class FluidPhase:
             rho=n * material.rho_fR,
             S=material.drag(J),
             mu=material.viscosity,
-            tau=tau,
-            tau_supg=setup.supg * tau,
-            nu_lsic=nu,
-            tau_u=tau_u,
+            tau=setup.pspg * stabilization.tau[chunk],
+            tau_supg=setup.supg * stabilization.tau[chunk],
+            nu_lsic=stabilization.nu_lsic[chunk],
+            tau_u=stabilization.tau_u[chunk],
             hessian=None if configuration.hessian is None else configuration.hessian[chunk],
             convection=setup.convection,
             order=self.domain.element.order,
@@ -286,7 +263,7 @@ class FluidPhase:
         self.scheme, zero = scheme, np.zeros_like(self.v)
         skeleton = skeleton_at(point.get("skeleton_u", zero), point.get("skeleton_v", zero))
         v, a, p = (point.get(name, getattr(self, name)) for name in ("v", "a", "p"))
-        self._update_parameters(rates, skeleton, v)
+        self._parameters.update(scheme.dt, rates, skeleton, v)
         no_body = np.zeros((self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim))
         self._assemble(skeleton, rates, self._fields(skeleton, v, a, p, no_body))
 

@@ -6,6 +6,7 @@ from ..fem.domain import Configuration
 from ..kernels import solid as kernel
 from ..kernels.assemble import add_isotropic, mass_matrix
 from ..stopwatch import timed
+from .loads import body_acceleration
 from .residual import Residual
 from .tangent import TangentRule
 from .transfer import Skeleton
@@ -264,12 +265,3 @@ class SolidPhase:
             speed2 = ((domain.mass.N @ v[chunk]) ** 2).sum(axis=-1)
             kinetic[chunk] = 0.5 * material.rho_s * (speed2 * domain.reference.dV[chunk]).sum(axis=1)
         return domain.sum_owned(kinetic) if self._setup.inertia else 0.0, domain.sum_owned(elastic)
-
-
-def body_acceleration(domain, expressions, t):
-    """Return b at the quadrature points, (E, Q, d) [m/s²], from dict component -> expression of the reference position."""
-    points = (domain.mass.N @ domain.gather(domain.mesh.X)).reshape(-1, domain.dim)
-    b = np.zeros_like(points)
-    for component, expression in expressions.items():
-        b[:, component] = expression(t, points)
-    return b.reshape(domain.n_cells, -1, domain.dim)

@@ -1,0 +1,46 @@
+"""Stabilization parameters of the fluid, evaluated once a step."""
+
+import numpy as np
+
+from ..kernels import stabilization
+
+
+class StabilizationParameters:
+    """τ, ν_L and c_v τ_u at the quadrature points, (E, Q), of the state at the start of a step.
+
+    They are kept over steps where nothing in them changes: neither convection nor a moving mesh, and the same step size.
+    """
+
+    def __init__(self, setup):
+        """Take a `phases.setup.FluidSetup`."""
+        self._setup, self._made_for = setup, None
+
+    def update(self, dt, rates, skeleton, v):
+        """Evaluate for a step of size dt from velocity v (n_local, d) on the accepted skeleton."""
+        setup, domain = self._setup, self._setup.domain
+        if not (setup.convection or setup.moving_mesh) and self._made_for == rates:
+            return
+        self._made_for = rates
+        shape = (domain.n_cells, len(domain.mass.weights))
+        self.tau, self.nu_lsic, self.tau_u = np.empty(shape), np.zeros(shape), np.empty(shape)
+        c = domain.gather(v - skeleton.mesh_velocity)
+        for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
+            configuration, material = skeleton.configuration, setup.materials[region]
+            self._momentum(chunk, material, configuration.J[chunk], configuration.geometry.G[chunk], c[chunk], dt)
+            self._undrained(chunk, material, rates)
+
+    def _momentum(self, chunk, material, J, G, c, dt):
+        setup, N, h = self._setup, self._setup.domain.mass.N, self._setup.domain.h[chunk]
+        n = material.fluid_fraction(J)
+        rho = n * material.rho_fR
+        transient = 2 * rho / dt if setup.inertia else 0.0
+        viscous = 4 * n * material.viscosity / h[:, None] ** 2
+        convective = stabilization.convective_scale(N, G, rho, c) if setup.convection else 0.0
+        self.tau[chunk] = stabilization.momentum_tau(transient, material.drag(J), viscous, convective)
+        if setup.convection and setup.lsic:
+            self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
+
+    def _undrained(self, chunk, material, rates):
+        rho = material.rho_s + (1 - material.n_s0) * material.rho_fR
+        compliance = stabilization.undrained_tau(material.elastic.oedometer_modulus, self._setup.domain.h[chunk], rates.c_a, rho)
+        self.tau_u[chunk] = self._setup.undrained * rates.c_v * compliance[:, None]
