@@ -2,7 +2,6 @@
 
 import atexit
 import time
-import weakref
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,16 +14,14 @@ REUSE_FACTOR = 1.5
 REUSE_OFFSET = 2
 _REASONS = {number: name for name, number in vars(PETSc.KSP.ConvergedReason).items() if not name.startswith("_")}
 _MISSING = (86, 92)  # PETSC_ERR_UNKNOWN_TYPE, PETSC_ERR_MISSING_FACTOR
-_living: list[weakref.ref] = []
+_living: list = []  # strong references: the garbage collector runs at different times on the ranks, and an end is collective
 
 
 @atexit.register
 def _destroy_all():
     """Destroy every solver in order of creation: a Python preconditioner alive at exit crashes PETSc 3.18."""
-    for reference in _living:
-        solver = reference()
-        if solver is not None:
-            solver.destroy()
+    for solver in [*_living]:
+        solver.destroy()
 
 
 class LinearSolver:
@@ -67,7 +64,7 @@ class LinearSolver:
             set_near_nullspace(matrix, near_nullspace)
         self._x, self._b = matrix.createVecs()
         self.ksp = _make_ksp(matrix, prefix, fields)
-        _living.append(weakref.ref(self))
+        _living.append(self)
 
     @property
     def direct(self) -> bool:
@@ -124,6 +121,8 @@ class LinearSolver:
         """Free the PETSc objects of the solver, not the matrix (collective)."""
         for thing in (self.ksp, self._x, self._b):
             thing.destroy()
+        if self in _living:
+            _living.remove(self)
 
     def _worn(self):
         if self._build_iterations is None or not self.iterations:

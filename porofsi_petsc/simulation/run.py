@@ -36,9 +36,13 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     prepare(directory, force, restart is not None, comm)
     start_log(directory, comm.rank, quiet)
     try:
-        return _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, max_time)
+        summary = _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, max_time)
     finally:
         stop_log()
+    for phase in (coupling.fluid, coupling.solid):
+        if phase.solver:
+            phase.solver.destroy()
+    return summary
 
 
 class _Run:

@@ -1,0 +1,126 @@
+"""Runs of scenes for the tests: in this process without figures, as a list of jobs under mpirun, or by the command line."""
+
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from porofsi_petsc import load_scene
+from porofsi_petsc.output.history import read_history
+
+ROOT = Path(__file__).resolve().parent.parent
+SCENES = Path(__file__).resolve().parent / "scenes"
+needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run: scene (file or shipped name), its changes, where it writes, what it continues, PETSc options."""
+
+    scene: str
+    directory: str
+    overrides: tuple = ()
+    restart: str | None = None
+    petsc_options: tuple = ()
+    max_time: float | None = None
+    force: bool = False
+
+
+def run_here(job):
+    """Run a job in this process (on all its ranks) without figures and return its summary."""
+    importlib.import_module("porofsi_petsc.simulation.run").make_figures = lambda directory: []
+    from porofsi_petsc import run
+
+    choices = {"restart": job.restart, "force": job.force, "quiet": True, "max_time": job.max_time}
+    return run(load_scene(job.scene, job.overrides), job.directory, petsc_options=job.petsc_options, **choices)
+
+
+def environment():
+    """Return the environment without what MPI has put there, so that mpirun starts afresh, and more ranks than cores give way."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))}
+    path = os.pathsep.join(filter(None, [str(ROOT), kept.get("PYTHONPATH")]))
+    launch = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
+    launch |= {"OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_mpi_yield_when_idle": "1"}
+    launch |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe", "PRTE_MCA_hwloc_default_binding_policy": "none"}
+    return kept | launch | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+
+
+def complete(words, timeout=120):
+    """Run a command to its end and return the completed process; end it, and with it all ranks, when it hangs [s]."""
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        try:
+            out, err = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            process.terminate()
+            raise
+    return subprocess.CompletedProcess(words, process.returncode, out, err)
+
+
+def run_on(ranks, jobs, folder):
+    """Run jobs one after the other in one parallel job."""
+    todo = Path(folder) / f"jobs-{ranks}.json"
+    todo.write_text(json.dumps([asdict(job) for job in jobs]))
+    result = complete(["mpirun", "-n", str(ranks), sys.executable, __file__, str(todo)], timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def command(scene, directory, *arguments, ranks=None):
+    """Return the command line of a run; arguments follow those of the output directory."""
+    launcher = [] if ranks is None else ["mpirun", "-n", str(ranks)]
+    return [*launcher, sys.executable, "-m", "porofsi_petsc", "run", str(scene), "--output", str(directory), *arguments]
+
+
+def by_command_line(scene, directory, *arguments, ranks=None):
+    """Run a scene by the command line and return the completed process."""
+    return complete(command(scene, directory, *arguments, ranks=ranks))
+
+
+def changes(overrides):
+    """Return `--set KEY=VALUE` words."""
+    return [word for text in overrides for word in ("--set", text)]
+
+
+def history(directory):
+    """Return dict column -> (rows,) of the history in a directory."""
+    return read_history(Path(directory) / "history.csv")
+
+
+def summary(directory):
+    """Return the content of summary.json."""
+    return json.loads((Path(directory) / "summary.json").read_text())
+
+
+def state(checkpoint):
+    """Return dict name -> array in the natural order of a checkpoint file."""
+    with h5py.File(checkpoint, "r") as file:
+        return {name: dataset[()] for name, dataset in file.items()}
+
+
+def header(checkpoint):
+    """Return the header of a checkpoint file."""
+    with h5py.File(checkpoint, "r") as file:
+        return json.loads(file.attrs["header"])
+
+
+def largest_difference(a, b):
+    """Return the largest |a - b| over the largest |b| (0 where both vanish)."""
+    scale = np.abs(b).max(initial=0.0)
+    return np.abs(a - b).max(initial=0.0) / scale if scale else np.abs(a).max(initial=0.0)
+
+
+def main(path):
+    """Run the jobs of a JSON file on all ranks."""
+    for entry in json.loads(Path(path).read_text()):
+        run_here(Job(**entry))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
