@@ -14,12 +14,13 @@ from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.mesh.generate import box, rectangle
 from porofsi_petsc.output import checkpoint, figures
 from porofsi_petsc.output.checkpoint import read_checkpoint, read_header, write_checkpoint
+from porofsi_petsc.output.field_plots import colour_scale
 from porofsi_petsc.output.fields import FieldWriter, read_snapshots
 from porofsi_petsc.output.figures import choose_snapshots, make_figures
 from porofsi_petsc.output.history import History
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.probes import Probes
-from porofsi_petsc.output.surface import read_surface
+from porofsi_petsc.output.surface import read_surface, surface_of
 from porofsi_petsc.output.units import plain, scaled_unit, significant
 
 COMM = MPI.COMM_SELF
@@ -279,3 +280,19 @@ def test_mesh_file_is_described(tmp_path):
     path.write_text("nothing")
     with pytest.raises(InputError, match="not readable as a mesh"):
         describe(path)
+
+
+def test_a_faint_panel_changes_the_colour_scale_for_all():
+    loud, faint = np.array([-9e3, 1e4]), np.array([-1e3, 2e3])
+    assert not colour_scale([loud, loud / 2], "Pa").root
+    scale = colour_scale([loud, faint], "Pa")
+    assert scale.root and (scale.unit, scale.low, scale.high) == ("kPa", -10.0, 10.0)
+    colour = scale.mapping["norm"]
+    assert colour(0.0) == pytest.approx(0.5) and colour(2.5) == pytest.approx(0.75) and colour(-10.0) == 0.0
+
+
+def test_a_solid_domain_is_drawn_behind_the_cut_or_whole_where_nothing_would_be_left():
+    mesh = serial_mesh("T4")
+    whole, half, beyond = (surface_of(mesh.points, mesh.cells, mesh.element, cut) for cut in (0.0, None, 5.0))
+    assert whole.cut == 0.0 and half.cut == 0.5 and beyond.cut == 0.0
+    assert mesh.points[whole.nodes, 1].min() == 0.0 and len(half.triangles) < len(whole.triangles) == len(beyond.triangles)

@@ -64,6 +64,7 @@ class Stabilization(Table):
 class Coupling(Table):
     """The partitioned iteration: split, accelerator and its factor, tolerance on the true residuals, and what ends it."""
 
+    scheme: Literal["partitioned", "monolithic"] = "partitioned"
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["aitken", "none", "constant", "anderson"] = "aitken"
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
@@ -104,11 +105,15 @@ class Output(Table):
 
 
 class Figures(Table):
-    """Times [s] of the field figures, magnification of the displacement (absent: automatic), probes whose path is drawn."""
+    """Times [s] of the field figures, magnification of the displacement (absent: automatic), probes whose path is drawn.
+
+    cut : a three-dimensional domain is drawn behind the plane y = cut [m] (absent: its middle).
+    """
 
     times: list_of(Annotated[Number, Field(ge=0)]) = ()
     deformation_scale: Annotated[Number, Field(ge=0)] | None = None
     paths: list_of(Name) = ()
+    cut: Number | None = None
 
 
 class Expect(Table):

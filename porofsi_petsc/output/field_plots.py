@@ -11,17 +11,40 @@ DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the dom
 LARGEST_ASPECT = 6.0  # a domain more slender than this is drawn with unequal scales
 WIDTH = 7.2  # [inch], the text width of a journal page
 MESH_LINES_UP_TO = 6000  # triangles; beyond, the lines would cover the colours
+FAINT = 0.4  # a panel whose largest value is below this share of the figure's is hardly seen on a linear colour scale
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The shared colour scale: unit, factor from SI to it, limits in the unit, colour map."""
+    """The shared colour scale: unit, factor from SI to it, limits in the unit, colour map; root: colours follow sqrt|value|."""
 
     unit: str
     factor: float
     low: float
     high: float
     colours: str
+    root: bool
+
+    @property
+    def mapping(self):
+        """Return the arguments that make matplotlib colour values given in the unit."""
+        from matplotlib.colors import FuncNorm, Normalize
+
+        limits = {"vmin": self.low, "vmax": self.high}
+        norm = FuncNorm((_signed_root, _signed_square), **limits) if self.root else Normalize(**limits)
+        return {"cmap": self.colours, "norm": norm}
+
+    def label(self, text):
+        """Return the label of the colour bar."""
+        return f"{text} [{self.unit}]" + (", colours by its square root" if self.root else "")
+
+
+def _signed_root(values):
+    return np.sign(values) * np.sqrt(np.abs(values))
+
+
+def _signed_square(values):
+    return np.sign(values) * np.square(values)
 
 
 def deformation_scale(snapshots, surface):
@@ -38,15 +61,17 @@ def displacement(snapshot, surface):
 
 
 def colour_scale(values, unit):
-    """Return the Scale of fields (list of (N,) in SI): symmetric about zero when both signs matter."""
+    """Return the Scale of fields (list of (N,) in SI): symmetric about zero when both signs matter, by root when one is faint."""
     low, high = min(v.min() for v in values), max(v.max() for v in values)
+    sizes = [np.abs(v).max() for v in values]
+    root = 0 < min(sizes) < FAINT * max(sizes)
     factor, name = scaled_unit(max(abs(low), abs(high)), unit)
     low, high = low * factor, high * factor
     if low < -0.1 * high and high > -0.1 * low:
         bound = max(-low, high)
-        return Scale(name, factor, -bound, bound, "RdBu_r")
+        return Scale(name, factor, -bound, bound, "RdBu_r", root)
     low, high = (min(low, 0.0), high) if high > 0 else (low, max(high, 0.0))
-    return Scale(name, factor, low, high if high > low else low + 1.0, "YlGnBu" if high > 0 else "YlGnBu_r")
+    return Scale(name, factor, low, high if high > low else low + 1.0, "YlGnBu" if high > 0 else "YlGnBu_r", root)
 
 
 def draw_field(figure, snapshots, values, surface, label, magnification):
@@ -65,7 +90,7 @@ def draw_field(figure, snapshots, values, surface, label, magnification):
     for ax in axes.flat[len(snapshots) :]:
         ax.set_visible(False)
     _label_axes(axes, surface, len(snapshots))
-    figure.colorbar(artist, ax=axes, label=f"{label[0]} [{scale.unit}]", aspect=30, pad=0.02)
+    figure.colorbar(artist, ax=axes, label=scale.label(label[0]), aspect=30, pad=0.02)
     figure.suptitle(_caption(magnification, equal, surface), fontsize=8)
 
 
@@ -73,7 +98,8 @@ def _caption(magnification, equal, surface):
     text = f"displacements drawn {plain(magnification)} times their size; outline: undeformed"
     if surface.dim == 3:
         text += ", " + r" $\times$ ".join(f"{extent:.4g}" for extent in np.ptp(surface.points, axis=0)) + " m"
-        text += f"; only the part behind $y$ = {surface.cut:.4g} m is drawn"
+        if surface.cut > surface.points[:, 1].min():
+            text += f"\nonly the part behind $y$ = {surface.cut:.4g} m is drawn"
     return text if equal else text + "; axes not to the same scale"
 
 
@@ -100,7 +126,7 @@ def _draw_panel(ax, surface, deformed, values, scale):
     behind = surface.dim == 3
     ax.add_collection(LineCollection(outline, colors="0.35", linewidths=0.7, zorder=0 if behind else 3))
     draw = _draw_plane if surface.dim == 2 else _draw_solid
-    artist = draw(ax, surface, deformed, values, {"cmap": scale.colours, "clim": (scale.low, scale.high)})
+    artist = draw(ax, surface, deformed, values, scale.mapping)
     ax.autoscale_view()
     return artist
 

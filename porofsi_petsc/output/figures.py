@@ -55,7 +55,7 @@ def _field_figures(directory, settings):
     snapshots = choose_snapshots(read_snapshots(directory), settings.get("times", []))
     if not snapshots or not (directory / FOLDER / "mesh.h5").is_file():
         return []
-    surface = read_surface(directory)
+    surface = read_surface(directory, settings.get("cut"))
     magnification = settings.get("deformation_scale") or deformation_scale(snapshots, surface)
     written = []
     for name, (values_of, label) in FIELDS.items():

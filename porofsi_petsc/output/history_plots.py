@@ -98,4 +98,5 @@ def _draw_path(ax, history, name):
     ax.set_title(f"path of {name}")
     ax.set_xlabel(f"$u_x$ [{unit}]")
     ax.set_ylabel(f"$u_y$ [{unit}]")
+    ax.set_aspect("equal", adjustable="datalim")
     ax.legend()

@@ -54,21 +54,26 @@ class Surface:
         return seen[:, :2], seen[:, 2]
 
 
-def read_surface(directory):
-    """Return the Surface of the mesh written in a result directory."""
+def read_surface(directory, cut=None):
+    """Return the Surface of the mesh written in a result directory; cut as in `surface_of`."""
     path = directory / FOLDER / "mesh.h5"
     element = ELEMENTS[read_attributes(path)[0]["element"]]
     points = read_slab(path, "points")[:, : element.dim]
-    return surface_of(points, read_slab(path, "cells"), element)
+    return surface_of(points, read_slab(path, "cells"), element, cut)
 
 
-def surface_of(points, cells, element):
-    """Return the Surface of a mesh; elements of order 2 are split at their mid-edge nodes."""
+def surface_of(points, cells, element, cut=None):
+    """Return the Surface of a mesh; elements of order 2 are split at their mid-edge nodes.
+
+    cut : y [m] in front of which a solid domain is left out, None for its middle; all is kept where nothing would be left.
+    """
     boundary = _boundary(cells, element)
     if element.dim == 2:
         return Surface(points, _split(cells, SPLIT), _split(boundary, SPLIT_LINE))
     depth = points[:, 1]
-    cut = (depth.min() + depth.max()) / 2
+    cut = (depth.min() + depth.max()) / 2 if cut is None else cut
+    if cut >= depth.max():
+        cut = depth.min()
     behind = cells[depth[cells].mean(axis=1) > cut]
     outline = _sharp_edges(points, _split(boundary, SPLIT))
     return Surface(points, _split(_boundary(behind, element), SPLIT), outline, cut)
