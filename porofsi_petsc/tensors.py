@@ -10,6 +10,14 @@ def det(F):
     return np.einsum("...i,...i->...", F[..., 0, :], np.cross(F[..., 1, :], F[..., 2, :]))
 
 
+def det_minus_one(H):
+    """Return det(I + H) - 1 from the invariants of H, without the loss of digits at small H, (...)."""
+    if H.shape[-1] == 2:
+        return trace(H) + det(H)
+    second = (trace(H) ** 2 - np.einsum("...ij,...ji->...", H, H)) / 2
+    return trace(H) + second + det(H)
+
+
 def inverse(F):
     """Return F^-1 and det F; the caller checks the sign of the determinant."""
     if F.shape[-1] == 2:

@@ -60,7 +60,7 @@ class FlowFields:
 
 
 @dataclass(frozen=True)
-class _Points:
+class FlowPoints:
     """Pointwise quantities that residual and tangent share."""
 
     c: np.ndarray
@@ -76,7 +76,8 @@ def _nodal_gradient(G, U):
     return np.swapaxes(U, 1, 2)[:, None] @ G
 
 
-def _points(el, f):
+def flow_points(el, f):
+    """Return the pointwise quantities of a state."""
     G = el.geometry.G
     grad_v = _nodal_gradient(G, f.v)
     grad_p = _nodal_gradient(G, f.p[..., None])[:, :, 0]
@@ -90,12 +91,12 @@ def _points(el, f):
         second = np.einsum("eaij,eak->eijk", el.hessian, f.v)
         divergence = np.einsum("eiik->ek", second) + np.einsum("eijj->ei", second)
         residual = residual - (el.n * el.mu)[..., None] * divergence[:, None]
-    return _Points(c, grad_v, acceleration, grad_p, w, residual)
+    return FlowPoints(c, grad_v, acceleration, grad_p, w, residual)
 
 
 def flow_residual(el, f):
     """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E, A) [m³/s] of VOLUME_TERMS."""
-    x = _points(el, f)
+    x = flow_points(el, f)
     G, dV = el.geometry.G, el.geometry.dV
     d = G.shape[-1]
     n = el.n[..., None]
@@ -146,7 +147,7 @@ def flow_tangent(el, f, c_f, components):
 
     c_f = d a/d v [1/s], zero without inertia.  τ and ν_L are frozen (they belong to the start of the step), so this is exact.
     """
-    x = _points(el, f)
+    x = flow_points(el, f)
     G, dV = el.geometry.G, el.geometry.dV
     E, _, A, d = G.shape
     Q = dV.shape[1]
@@ -186,12 +187,17 @@ def flow_tangent(el, f, c_f, components):
     return K
 
 
+def strong_gradient(el, x):
+    """Return ρ ∂v_i/∂x_j, (E, Q, d, d): the derivative of the convective force by c_j."""
+    return el.rho[..., None, None] * x.grad_v
+
+
 def _strong_full(el, x, Gq):
     """Return the non-isotropic part of d r_i/d v_bj, (E, Q, A, d, d)."""
     d = Gq.shape[-1]
     full = np.zeros((*Gq.shape[:3], d, d))
     if el.convection:
-        full += (el.rho[..., None] * el.N)[..., None, None] * x.grad_v[:, :, None]
+        full += el.N[..., None, None] * strong_gradient(el, x)[:, :, None]
     if el.mu and el.hessian is not None:
         full -= (el.n * el.mu)[..., None, None, None] * el.hessian[:, None]
     return full

@@ -15,24 +15,24 @@ from .assemble import add_isotropic, mass_matrix, test_gradient, test_value
 TERMS = ("stress", "inertia", "pressure", "drag", "body")
 
 
-def deformation_gradient(G0, u):
-    """Return F_iJ = y_ai dN_a/dX_J = δ_iJ + u_ai dN_a/dX_J, (E, Q', d, d), for G0 (E, Q', A, d) and u = y - X (E, A, d) [m].
+def displacement_gradient(G0, u):
+    """Return H_iJ = u_ai dN_a/dX_J = F_iJ - δ_iJ, (E, Q', d, d), for G0 (E, Q', A, d) and u = y - X (E, A, d) [m].
 
     The positions enter as displacements from the reference: y would lose the digits of X/h (measured: 5e-6 of the force in a
     first small step of a 10 m column).
     """
-    return np.eye(G0.shape[-1]) + np.swapaxes(u, 1, 2)[:, None] @ G0
+    return np.swapaxes(u, 1, 2)[:, None] @ G0
 
 
 def stress_residual(G0, dV0, law, u):
     """Return ∫ ∇_X w : P dV0, (E, A, d) [N], for nodal displacements u = y - X, (E, A, d) [m]."""
-    P = law.stress(deformation_gradient(G0, u))
+    P = law.stress(displacement_gradient(G0, u))
     return test_gradient(G0, dV0, np.broadcast_to(P, (*dV0.shape, *P.shape[2:])))
 
 
 def stress_tangent(G0, dV0, law, u):
     """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m]."""
-    tangent = law.tangent(deformation_gradient(G0, u))
+    tangent = law.tangent(displacement_gradient(G0, u))
     if G0.shape[1] == 1:
         dV0 = dV0.sum(axis=1, keepdims=True)
     E, Q, A, d = G0.shape
@@ -47,7 +47,7 @@ def stress_tangent(G0, dV0, law, u):
 
 def stored_energy(G0, dV0, law, u):
     """Return ∫ Psi dV0 of every element, (E,) [J]."""
-    return (law.energy(deformation_gradient(G0, u)) * dV0).sum(axis=1)
+    return (law.energy(displacement_gradient(G0, u)) * dV0).sum(axis=1)
 
 
 def inertia_residual(N, dV0, rho_s, a):

@@ -1,14 +1,14 @@
 """Hyperelastic skeletons: energy per reference volume, first Piola-Kirchhoff stress and its tangent.
 
-All take the deformation gradient F_iJ = dy_i/dX_J, (..., d, d); d = 2 is plane strain (F_33 = 1).  Stress in tension is
-positive.  Units: Pa for energy density, stress and tangent.
+All take the displacement gradient H_iJ = du_i/dX_J = F_iJ - delta_iJ, (..., d, d); d = 2 is plane strain (F_33 = 1).  With H
+instead of F a strain of 1e-9 keeps its digits.  Stress in tension is positive.  Units: Pa for energy density, stress and tangent.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..tensors import det, inverse, scaled_identity, trace, transpose
+from ..tensors import det_minus_one, inverse, scaled_identity, trace, transpose
 
 
 @dataclass(frozen=True)
@@ -27,69 +27,68 @@ class ElasticLaw:
 
 
 class LinearElastic(ElasticLaw):
-    """Psi = lambda/2 (tr eps)^2 + mu eps:eps with eps = sym(F - I)."""
+    """Psi = lambda/2 (tr eps)^2 + mu eps:eps with eps = sym H."""
 
     small_strain = True
 
-    def energy(self, F):
+    def energy(self, H):
         """Return Psi, (...)."""
-        eps = _small_strain(F)
+        eps = _small_strain(H)
         return self.lam / 2 * trace(eps) ** 2 + self.mu * np.einsum("...ij,...ij->...", eps, eps)
 
-    def stress(self, F):
+    def stress(self, H):
         """Return P = lambda tr(eps) I + 2 mu eps, (..., d, d)."""
-        eps = _small_strain(F)
-        return scaled_identity(self.lam * trace(eps), F.shape[-1]) + 2 * self.mu * eps
+        eps = _small_strain(H)
+        return scaled_identity(self.lam * trace(eps), H.shape[-1]) + 2 * self.mu * eps
 
-    def tangent(self, F):
+    def tangent(self, H):
         """Return dP/dF, (..., d, d, d, d), constant."""
-        return np.broadcast_to(_isotropic(self.lam, self.mu, F.shape[-1]), F.shape + F.shape[-2:])
+        return np.broadcast_to(_isotropic(self.lam, self.mu, H.shape[-1]), H.shape + H.shape[-2:])
 
 
 class SaintVenantKirchhoff(ElasticLaw):
-    """Psi = lambda/2 (tr E)^2 + mu E:E with E = (F^T F - I)/2."""
+    """Psi = lambda/2 (tr E)^2 + mu E:E with E = (F^T F - I)/2 = (H + H^T + H^T H)/2."""
 
-    def energy(self, F):
+    def energy(self, H):
         """Return Psi, (...)."""
-        E = _green_strain(F)
+        E = green_strain(H)
         return self.lam / 2 * trace(E) ** 2 + self.mu * np.einsum("...ij,...ij->...", E, E)
 
-    def stress(self, F):
+    def stress(self, H):
         """Return P = F S, S = lambda tr(E) I + 2 mu E, (..., d, d)."""
-        return F @ self._second_piola(F)
+        return deformation(H) @ self._second_piola(H)
 
-    def tangent(self, F):
+    def tangent(self, H):
         """Return dP_iJ/dF_kL = delta_ik S_JL + F_iM C_MJNL F_kN, (..., d, d, d, d)."""
-        identity = np.eye(F.shape[-1])
+        F, identity = deformation(H), np.eye(H.shape[-1])
         material = np.einsum("...iM,MJNL,...kN->...iJkL", F, _isotropic(self.lam, self.mu, F.shape[-1]), F, optimize=True)
-        return material + np.einsum("ik,...JL->...iJkL", identity, self._second_piola(F))
+        return material + np.einsum("ik,...JL->...iJkL", identity, self._second_piola(H))
 
-    def _second_piola(self, F):
-        E = _green_strain(F)
-        return scaled_identity(self.lam * trace(E), F.shape[-1]) + 2 * self.mu * E
+    def _second_piola(self, H):
+        E = green_strain(H)
+        return scaled_identity(self.lam * trace(E), H.shape[-1]) + 2 * self.mu * E
 
 
 @dataclass(frozen=True)
 class _CompressibleNeoHookean(ElasticLaw):
-    """Psi = mu/2 (I1 - 3) - mu ln J + U(J); a law gives U, J U' and J (J U')'."""
+    """Psi = mu/2 (I1 - 3) - mu ln J + U(J); a law gives U, J U' and J (J U')' as functions of J - 1."""
 
-    def energy(self, F):
-        """Return Psi, (...)."""
-        J = det(F)
-        I1 = np.einsum("...iJ,...iJ->...", F, F)
-        return self.mu / 2 * (I1 - F.shape[-1]) - self.mu * np.log(J) + self._volumetric(J)[0]
+    def energy(self, H):
+        """Return Psi, (...); I1 - 3 = 2 tr E."""
+        J_1 = det_minus_one(H)
+        return self.mu * (trace(green_strain(H)) - np.log1p(J_1)) + self._volumetric(J_1)[0]
 
-    def stress(self, F):
-        """Return P = mu (F - F^-T) + J U' F^-T, (..., d, d)."""
-        Finv, J = inverse(F)
-        pull = self._volumetric(J)[1] - self.mu
-        return self.mu * F + pull[..., None, None] * transpose(Finv)
+    def stress(self, H):
+        """Return P = mu (F - F^-T) + J U' F^-T = F^-T (2 mu E + J U' I), (..., d, d)."""
+        Finv, _ = inverse(deformation(H))
+        pull = self._volumetric(det_minus_one(H))[1]
+        return transpose(Finv) @ (2 * self.mu * green_strain(H) + scaled_identity(pull, H.shape[-1]))
 
-    def tangent(self, F):
+    def tangent(self, H):
         """Return dP_iJ/dF_kL = mu d_ik d_JL + J (J U')' Finv_Ji Finv_Lk + (mu - J U') Finv_Jk Finv_Li, (..., d, d, d, d)."""
-        identity = np.eye(F.shape[-1])
-        Finv, J = inverse(F)
-        _, first, second = self._volumetric(J)
+        identity = np.eye(H.shape[-1])
+        Finv, _ = inverse(deformation(H))
+        _, first, second = self._volumetric(det_minus_one(H))
         A = np.einsum("...,...Ji,...Lk->...iJkL", second, Finv, Finv)
         A += np.einsum("...,...Jk,...Li->...iJkL", self.mu - first, Finv, Finv)
         return A + self.mu * np.einsum("ik,JL->iJkL", identity, identity)
@@ -98,25 +97,30 @@ class _CompressibleNeoHookean(ElasticLaw):
 class NeoHookean(_CompressibleNeoHookean):
     """U = lambda/2 (ln J)^2 (Bonet & Wood, Nonlinear Continuum Mechanics, eq. 6.27)."""
 
-    def _volumetric(self, J):
-        lnJ = np.log(J)
-        return self.lam / 2 * lnJ**2, self.lam * lnJ, np.broadcast_to(self.lam, J.shape)
+    def _volumetric(self, J_1):
+        lnJ = np.log1p(J_1)
+        return self.lam / 2 * lnJ**2, self.lam * lnJ, np.broadcast_to(self.lam, J_1.shape)
 
 
 class NeoHookeanJ2(_CompressibleNeoHookean):
     """U = lambda/2 (J - 1)^2."""
 
-    def _volumetric(self, J):
-        return self.lam / 2 * (J - 1) ** 2, self.lam * (J - 1) * J, self.lam * (2 * J - 1) * J
+    def _volumetric(self, J_1):
+        return self.lam / 2 * J_1**2, self.lam * J_1 * (1 + J_1), self.lam * (2 * J_1 + 1) * (1 + J_1)
 
 
-def _small_strain(F):
-    H = F - np.eye(F.shape[-1])
+def deformation(H):
+    """Return F = I + H."""
+    return np.eye(H.shape[-1]) + H
+
+
+def _small_strain(H):
     return (H + transpose(H)) / 2
 
 
-def _green_strain(F):
-    return (transpose(F) @ F - np.eye(F.shape[-1])) / 2
+def green_strain(H):
+    """Return E = (F^T F - I)/2."""
+    return (H + transpose(H) + transpose(H) @ H) / 2
 
 
 def _isotropic(lam, mu, dim):

@@ -39,10 +39,14 @@ SUMMARY_KEYS = {
     "linear_iterations.fluid.max": "largest number of iterations of a linear solve of the fluid",
     "linear_iterations.solid.mean": "mean number of iterations of a linear solve of the solid",
     "linear_iterations.solid.max": "largest number of iterations of a linear solve of the solid",
+    "linear_iterations.mixture.mean": "mean number of iterations of a linear solve of the monolithic scheme, 0 without it",
+    "linear_iterations.mixture.max": "largest number of iterations of a linear solve of the monolithic scheme",
     "assemblies.fluid": "number of matrices assembled for the fluid",
     "assemblies.solid": "number of matrices assembled for the solid",
+    "assemblies.mixture": "number of matrices assembled for the monolithic scheme",
     "factorizations.fluid": "number of factorizations or preconditioner set-ups of the fluid",
     "factorizations.solid": "number of factorizations or preconditioner set-ups of the solid",
+    "factorizations.mixture": "number of factorizations of the monolithic scheme",
     "energy.external_work": "work of the loads since the start [J, in 2-D per metre of thickness, like all energies]",
     "energy.kinetic": "kinetic energy of both phases at the end [J]",
     "energy.elastic": "elastic energy of the skeleton at the end [J]",
@@ -56,7 +60,10 @@ SUMMARY_KEYS = {
     "peak_memory_bytes.sum": "resident memory of all ranks at their peaks [bytes]",
     "modelled": "list of the terms that were computed",
     "neglected": "terms left out: name -> value (size met in the run), bound (limit of the scene or null), meaning",
-    "oscillation_indicator": "largest difference of a nodal pressure and its local average over the largest pressure [-]",
+    "oscillation_indicator": (
+        "norm of the pressure minus its average over the elements of each node (interior nodes), over the norm of the pressure, "
+        "each the largest of the run [-]"
+    ),
     "expectations": (
         "one record per [[expect]]: quantity, at [s] or statistic, value (computed), reference (expected), error (relative), "
         "tolerance, passed (null when skipped), reason (why skipped), source"

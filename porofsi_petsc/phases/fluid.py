@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..kernels import exchange
 from ..kernels import flow as kernel
 from ..stopwatch import timed
 from .loads import body_acceleration
@@ -196,26 +197,45 @@ class FluidPhase:
         n, d = self.mesh.n_owned, self.mesh.dim
         rhs = np.zeros((n, self.components))
         rhs[:, :d], rhs[:, d : d + 1] = -momentum.total, -volume.total
-        increment = self._solver.solve(rhs.ravel()).reshape(n, self.components)[:, : d + 1]
+        self.add(self._solver.solve(rhs.ravel()).reshape(n, self.components)[:, : d + 1])
+
+    def add(self, increment):
+        """Add an increment on the collocation level, (n_owned, d + 1), to the trial state."""
         self.unknowns = self.unknowns + increment / self.scheme.alpha_f
 
     @timed("assembly")
     def _assemble(self, skeleton, rates, fields):
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.mask)
-        domain, m = self.domain, self.components
-        values = self._matrix.values.reshape(domain.n_cells, *(2 * (domain.cells.shape[1], m)))
-        for region, chunk in domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            values[chunk] = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, m)
-            if self._setup.split == "corrected":
-                self._add_skeleton_answer(values[chunk], elements, self._setup.materials[region], rates)
+        values = self._setup.element_view(self._matrix, self.components)
+        for chunk, K in self._element_tangents(skeleton, rates, fields):
+            values[chunk] = K
         self._matrix.assemble()
         self._tangent_J = skeleton.configuration.J
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix, self.components)
         self._solver.refactor()
+
+    def _element_tangents(self, skeleton, rates, fields):
+        """Yield (chunk, tangent (E, A, m, A, m)) at given fields."""
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            K = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, self.components)
+            if self._setup.split == "corrected":
+                self._add_skeleton_answer(K, elements, self._setup.materials[region], rates)
+            yield chunk, K
+
+    def trial_tangents(self, rates, skeleton):
+        """Yield (chunk, tangent (E, A, m, A, m)) of the trial state."""
+        return self._element_tangents(skeleton, rates, self._trial_fields(skeleton))
+
+    def exchange_tangents(self, rates, skeleton):
+        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the skeleton's positions) of the trial state."""
+        fields, moving = self._trial_fields(skeleton), skeleton.moving_mesh
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            yield chunk, exchange.flow_by_skeleton(elements, _part(fields, chunk), rates.c_v, moving)
 
     def _add_skeleton_answer(self, values, elements, material, rates):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure gradient the skeleton feels."""

@@ -30,6 +30,10 @@ class PhaseSetup:
     direct: bool
     stopwatch: Stopwatch
 
+    def element_view(self, matrix, components):
+        """Return the element buffer of a matrix of `new_matrix` as (E, A, m, A, m)."""
+        return matrix.values.reshape(self.domain.n_cells, *(2 * (self.domain.cells.shape[1], components)))
+
     def new_matrix(self, prefix, components, mask):
         """Return the empty matrix of a nodal field with m components, prescribed where mask (n_local, m) is true."""
         mesh, cells = self.domain.mesh, self.domain.cells

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..fem.domain import Configuration
+from ..kernels import exchange
 from ..kernels import solid as kernel
 from ..kernels.assemble import add_isotropic, mass_matrix
 from ..stopwatch import timed
@@ -176,28 +177,47 @@ class SolidPhase:
 
     def correct(self, residual):
         """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
-        increment = self._solver.solve(-residual.total.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
+        self.add(self._solver.solve(-residual.total.ravel()).reshape(self.mesh.n_owned, self.mesh.dim))
+
+    def add(self, increment):
+        """Add an increment on the collocation level, (n_owned, d), to the trial state."""
         self.unknowns = self.unknowns + increment / self.scheme.alpha_f
 
     @timed("assembly")
     def _assemble(self, u, configuration, rates):
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.dirichlet.mask)
-        domain, setup = self.domain, self._setup
-        nodal = domain.gather(u)
-        values = self._matrix.values.reshape(domain.n_cells, *(2 * (domain.cells.shape[1], self.mesh.dim)))
-        for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = setup.materials[region]
-            stiffness = domain.reference_stiffness.part(chunk)
-            values[chunk] = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, nodal[chunk])
-            weights = self._inertia_weights(material, configuration, chunk, rates)
-            if weights is not None:
-                add_isotropic(values[chunk], mass_matrix(domain.mass.N, weights), self.mesh.dim)
+        values = self._setup.element_view(self._matrix, self.mesh.dim)
+        for chunk, K in self._element_tangents(u, configuration, rates):
+            values[chunk] = K
         self._matrix.assemble()
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix)
         self._solver.refactor()
+
+    def _element_tangents(self, u, configuration, rates):
+        """Yield (chunk, tangent (E, A, d, A, d)) at a displacement u (n_local, d)."""
+        domain, nodal = self.domain, self.domain.gather(u)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
+            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, nodal[chunk])
+            weights = self._inertia_weights(material, configuration, chunk, rates)
+            if weights is not None:
+                add_isotropic(K, mass_matrix(domain.mass.N, weights), self.mesh.dim)
+            yield chunk, K
+
+    def trial_tangents(self, rates):
+        """Yield (chunk, tangent (E, A, d, A, d)) of the trial state."""
+        return self._element_tangents(self._u_alpha, self.skeleton().configuration, rates)
+
+    def exchange_tangents(self):
+        """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial state."""
+        configuration = self.skeleton().configuration
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            material, J = self._setup.materials[region], configuration.J[chunk]
+            n, S = material.fluid_fraction(J), material.drag(J)
+            yield chunk, exchange.solid_by_flow(self.domain.mass.N, configuration.geometry.part(chunk), n, S)
 
     def _inertia_weights(self, material, configuration, chunk, rates):
         """Return the mass of the tangent times dV, (E, Q), None without any.

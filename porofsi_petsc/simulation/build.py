@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..coupling.accelerators import ACCELERATORS
+from ..coupling.monolithic import MonolithicCoupling
 from ..coupling.porous import GUARDS, PorousCoupling
 from ..errors import InputError
 from ..fem.boundary import Dirichlet, SurfaceLoad, facet_normals
@@ -17,6 +18,7 @@ from ..mesh.graph import node_graph
 from ..mesh.read import read_mesh
 from ..output.files import on_root
 from ..phases.fluid import FluidPhase
+from ..phases.mixture import Mixture
 from ..phases.setup import FluidSetup, SolidSetup
 from ..phases.solid import SolidPhase
 
@@ -93,7 +95,7 @@ def _entries(scene, quantity):
     return [(tag, i, e) for b in scene.boundary for tag in b.on for i, e in components(getattr(b, quantity)).items()]
 
 
-def solid_setup(scene, domain, materials, stopwatch, direct):
+def solid_setup(scene, domain, materials, stopwatch):
     """Return the `SolidSetup` of a scene."""
     mesh, model = domain.mesh, scene.model
     loads = [SurfaceLoad(mesh, tag, components(b.traction)) for b in scene.boundary for tag in b.on if components(b.traction)]
@@ -103,8 +105,8 @@ def solid_setup(scene, domain, materials, stopwatch, direct):
         body_force=components(scene.body_force.solid),
         inertia=model.solid_inertia,
         moving_mesh=model.moving_mesh,
-        split=scene.coupling.split,
-        direct=direct,
+        split=_split(scene),
+        direct=_is_direct(mesh),
         stopwatch=stopwatch,
         dirichlet=Dirichlet(mesh, mesh.dim, _entries(scene, "displacement")),
         loads=tuple(loads),
@@ -112,7 +114,7 @@ def solid_setup(scene, domain, materials, stopwatch, direct):
     )
 
 
-def fluid_setup(scene, domain, materials, stopwatch, direct):
+def fluid_setup(scene, domain, materials, stopwatch):
     """Return the `FluidSetup` of a scene."""
     mesh, model, stabilization = domain.mesh, scene.model, scene.stabilization
     pressures = [(tag, 0, b.pressure) for b in scene.boundary for tag in b.on if b.pressure is not None]
@@ -124,15 +126,15 @@ def fluid_setup(scene, domain, materials, stopwatch, direct):
         body_force=components(scene.body_force.fluid),
         inertia=model.fluid_inertia,
         moving_mesh=model.moving_mesh,
-        split=scene.coupling.split,
-        direct=direct,
+        split=_split(scene),
+        direct=_is_direct(mesh),
         stopwatch=stopwatch,
         velocity=Dirichlet(mesh, mesh.dim, _entries(scene, "velocity")),
         pressure=Dirichlet(mesh, 1, pressures),
         fluxes=tuple(fluxes),
         no_slip=_nodes_of(mesh, [tag for b in scene.boundary if b.no_slip for tag in b.on]),
         traction_nodes=_nodes_of(mesh, _traction_tags(scene, mesh)),
-        has_auxiliary=inertia and scene.coupling.split == "corrected",
+        has_auxiliary=inertia and _split(scene) == "corrected",
         convection=model.convection,
         pspg=stabilization.pspg,
         supg=stabilization.supg,
@@ -166,25 +168,33 @@ def _holds_normal(mesh, tag, held):
 
 
 def build_coupling(scene, mesh, stopwatch):
-    """Return the `PorousCoupling` of a scene with its phases in their initial state (collective)."""
+    """Return the coupling scheme of a scene with its phases in their initial state (collective)."""
     domain, materials = Domain(mesh), porous_materials(scene, mesh)
-    direct = mesh.dim == 2 and mesh.n_global <= DIRECT_NODES_2D
-    solid = SolidPhase(solid_setup(scene, domain, materials, stopwatch, direct))
-    fluid = FluidPhase(fluid_setup(scene, domain, materials, stopwatch, direct))
+    setups = [setup(scene, domain, materials, stopwatch) for setup in (solid_setup, fluid_setup)]
+    solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
     initial = scene.initial
     solid.set_initial(_field(mesh, initial.displacement), _field(mesh, initial.solid_velocity))
     pressure = initial.pressure(0.0, mesh.X) if initial.pressure else np.zeros(mesh.n_local)
     fluid.set_initial(_field(mesh, initial.fluid_velocity), pressure)
     choice = scene.coupling
-    return PorousCoupling(
-        solid,
-        fluid,
-        mesh.comm,
-        lambda dot: ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split]),
-        choice.tolerance,
-        choice.max_iterations,
-        choice.tangent == "newton",
-    )
+    common = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
+    if choice.scheme == "monolithic":
+        return MonolithicCoupling(*common, Mixture(solid, fluid, *setups))
+
+    def accelerator(dot):
+        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split])
+
+    return PorousCoupling(*common, accelerator, choice.tangent == "newton")
+
+
+def _split(scene):
+    """Return the split of the phases' tangents; the monolithic scheme takes the exact diagonal blocks of the plain one."""
+    return "plain" if scene.coupling.scheme == "monolithic" else scene.coupling.split
+
+
+def _is_direct(mesh):
+    """Return whether the default solvers are factorizations."""
+    return mesh.dim == 2 and mesh.n_global <= DIRECT_NODES_2D
 
 
 def _field(mesh, vector):

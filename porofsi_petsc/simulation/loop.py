@@ -22,6 +22,7 @@ class Clock:
         """Start at t = 0 with the [time] section of the scene."""
         self._section = section
         self.t, self.step, self.cuts, self.nominal = 0.0, 0, 0, section.step
+        self.target = self.substep = None  # end and size of the parts of a nominal step that was cut
 
     @property
     def finished(self):
@@ -29,8 +30,10 @@ class Clock:
         return self.t >= self._section.end
 
     def next_target(self):
-        """Return the end of the next nominal step [s], which may be the end of the run."""
+        """Return the end of the next (or the cut) nominal step [s], which may be the end of the run."""
         end = self._section.end
+        if self.target is not None:
+            return min(self.target, end)
         target = self.t + self.nominal
         multiple = round(target / self.nominal) * self.nominal
         if abs(target - multiple) < SNAP * self.nominal:
@@ -42,14 +45,27 @@ class Clock:
         rest = target - self.t
         return self.nominal if abs(rest - self.nominal) < 2 * SNAP * self.nominal else rest
 
-    def grow(self):
-        """Enlarge the nominal step for the next one."""
-        limit = self._section.max_step or float("inf")
-        self.nominal = min(self.nominal * self._section.growth, max(limit, self._section.step))
+    def next_size(self):
+        """Return the size of the next step: the nominal one, or a part of one that was cut."""
+        return min(self.substep or float("inf"), self.size_to(self.next_target()))
+
+    def cut(self, target, dt):
+        """Go on to the target in parts of size dt."""
+        self.cuts, self.target, self.substep = self.cuts + 1, target, dt
+
+    def advance(self, dt, target):
+        """Count an accepted step of size dt on the way to the target; there the nominal step grows for the next one."""
+        self.t = target if abs(target - self.t - dt) < SNAP * dt else self.t + dt
+        self.step += 1
+        if self.t >= target:
+            self.target = self.substep = None
+            self.nominal = min(
+                self.nominal * self._section.growth, max(self._section.max_step or float("inf"), self._section.step)
+            )
 
     def next_schemes(self, model):
-        """Return `schemes` for the next nominal step."""
-        return self.schemes(model, self.size_to(self.next_target()))
+        """Return `schemes` for the next step."""
+        return self.schemes(model, self.next_size())
 
     def schemes(self, model, dt):
         """Return the time schemes of solid and fluid for a step of size dt, and their `Rates`."""
@@ -64,11 +80,13 @@ class Clock:
 
     def state(self):
         """Return the numbers a restart needs."""
-        return {"t": self.t, "step": self.step, "cuts": self.cuts, "nominal": self.nominal}
+        names = ("t", "step", "cuts", "nominal", "target", "substep")
+        return {name: getattr(self, name) for name in names}
 
     def load(self, state):
         """Continue from `state`; a scene without growth keeps its own step size."""
         self.t, self.step, self.cuts = state["t"], state["step"], state["cuts"]
+        self.target, self.substep = state["target"], state["substep"]
         if self._section.growth > 1:
             self.nominal = state["nominal"]
 
@@ -107,14 +125,13 @@ class TimeLoop:
         """Take what is advanced and what looks at it."""
         self._scene, self._coupling, self._energy, self._measures, self._records = scene, coupling, energy, measures, records
         self.clock = Clock(scene.time)
-        self.iterations = []
+        self.iterations, self._options_checked = [], False
 
     def run(self, stop):
         """Advance to the end; raises ConvergenceError, LimitError or Stopped, each after a checkpoint."""
         try:
             while not self.clock.finished:
                 self._advance(self.clock.next_target())
-                self.clock.grow()
                 reason = stop.reason()
                 if reason and not self.clock.finished:
                     where = f"t = {self.clock.t:g} s (step {self.clock.step})"
@@ -125,7 +142,7 @@ class TimeLoop:
 
     def _advance(self, target):
         """Reach the target in one step, or in smaller ones when the coupling fails and the scene allows it."""
-        choice, halvings, dt = self._scene.coupling, 0, self.clock.size_to(target)
+        choice, halvings, dt = self._scene.coupling, 0, self.clock.next_size()
         while self.clock.t < target:
             try:
                 self._step(min(dt, self.clock.size_to(target)), target)
@@ -133,7 +150,7 @@ class TimeLoop:
                 if choice.on_failure != "cut_step" or halvings == choice.max_cuts:
                     raise
                 halvings, dt = halvings + 1, dt / 2
-                self.clock.cuts += 1
+                self.clock.cut(target, dt)
                 self._coupling.reset()
                 logger.info("step cut to %g s at t = %g s: %s", dt, self.clock.t, error)
 
@@ -143,11 +160,11 @@ class TimeLoop:
         coupling.step(schemes, rates, clock.t, clock.step + 1)
         powers = step_powers(*coupling.residuals, *coupling.collocated())
         coupling.accept()
-        clock.t = target if abs(target - clock.t - dt) < SNAP * dt else clock.t + dt
-        clock.step += 1
+        clock.advance(dt, target)
         self.iterations.append(coupling.iterations)
-        if len(self.iterations) == 1:
+        if not self._options_checked:
             check_options(exempt_prefixes=ABSENT_PREFIXES)
+            self._options_checked = True
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
         self._measures.watch_neglected(clock.t, coupling.solid, coupling.fluid, coupling.residuals)

@@ -6,9 +6,10 @@ import numpy as np
 
 from ..errors import LimitError
 from ..fem.boundary import owned_nodes
-from ..kernels.solid import deformation_gradient
+from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
-from ..tensors import det, transpose
+from ..materials.elastic import deformation, green_strain
+from ..tensors import det_minus_one, transpose
 
 
 class NodalAverage:
@@ -66,10 +67,10 @@ class Measures:
         nodal = domain.gather(u)
         values = np.empty((domain.n_cells, 6))
         for region, span in domain.region_slices.items():
-            F = _three_dimensional(deformation_gradient(domain.reference_stiffness.G[span], nodal[span]))
+            H = _three_dimensional(displacement_gradient(domain.reference_stiffness.G[span], nodal[span]))
             law = self._materials[region].elastic
-            P = law.stress(F)
-            cauchy = P if law.small_strain else (P @ transpose(F)) / det(F)[..., None, None]
+            P, F = law.stress(H), deformation(H)
+            cauchy = P if law.small_strain else (P @ transpose(F)) / (1 + det_minus_one(H))[..., None, None]
             mean = cauchy.mean(axis=1)
             values[span] = np.stack([mean[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1)
         return self._average(values)
@@ -134,11 +135,10 @@ class Measures:
 
     def _gradients(self, u):
         domain = self._domain
-        return deformation_gradient(domain.reference_stiffness.G, domain.gather(u))
+        return displacement_gradient(domain.reference_stiffness.G, domain.gather(u))
 
     def _largest_strain(self, u):
-        F = self._gradients(u)
-        E = (transpose(F) @ F - np.eye(F.shape[-1])) / 2
+        E = green_strain(self._gradients(u))
         return self._maximum(np.sqrt(np.einsum("...ij,...ij->...", E, E)))
 
     def _mesh_displacement(self, u):
@@ -181,7 +181,7 @@ class Measures:
         return domain.scatter_add(np.repeat(weights[:, None] / A, A, axis=1)[..., None])[:, 0]
 
     def _porosity_change(self, u):
-        J = det(self._gradients(u))
+        J = 1 + det_minus_one(self._gradients(u))
         change = np.zeros(self._domain.n_cells)
         for region, span in self._domain.region_slices.items():
             n_s0 = self._materials[region].n_s0
@@ -198,12 +198,12 @@ class Measures:
         return self._maximum(ratio)
 
 
-def _three_dimensional(F):
-    """Return F with F_33 = 1 added in plane strain."""
-    if F.shape[-1] == 3:
-        return F
-    full = np.zeros((*F.shape[:-2], 3, 3))
-    full[..., :2, :2], full[..., 2, 2] = F, 1.0
+def _three_dimensional(H):
+    """Return H with the zero third row and column of plane strain added."""
+    if H.shape[-1] == 3:
+        return H
+    full = np.zeros((*H.shape[:-2], 3, 3))
+    full[..., :2, :2] = H
     return full
 
 

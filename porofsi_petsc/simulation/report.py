@@ -8,11 +8,13 @@ from petsc4py import PETSc
 
 from .. import __version__
 
+BLOCKS = ("fluid", "solid", "mixture")
+
 
 def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, files, exit_code):
     """Return the content of summary.json (keys: `output.summary.SUMMARY_KEYS`); collective."""
     mesh, comm = coupling.solid.mesh, coupling.solid.mesh.comm
-    phases = {"fluid": coupling.fluid, "solid": coupling.solid}
+    blocks = coupling.blocks
     iterations = np.array(loop.iterations or [0])
     return {
         "scene": scene.name,
@@ -30,11 +32,11 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
         "time_end": loop.clock.t,
-        "wall_time": _wall_time(comm, stopwatch, phases),
+        "wall_time": _wall_time(comm, stopwatch, blocks.values()),
         "coupling_iterations": {"mean": iterations.mean(), "max": iterations.max(), "total": iterations.sum()},
-        "linear_iterations": {name: _linear_iterations(phase) for name, phase in phases.items()},
-        "assemblies": {name: phase.assemblies for name, phase in phases.items()},
-        "factorizations": {name: phase.solver.factorizations if phase.solver else 0 for name, phase in phases.items()},
+        "linear_iterations": {name: _linear_iterations(blocks.get(name)) for name in BLOCKS},
+        "assemblies": {name: blocks[name].assemblies if name in blocks else 0 for name in BLOCKS},
+        "factorizations": {name: _factorizations(blocks.get(name)) for name in BLOCKS},
         "energy": energy.report(),
         "peak_memory_bytes": _peak_memory(comm),
         "modelled": _modelled(scene),
@@ -50,8 +52,8 @@ def _unknowns(mesh, fluid):
     return {"displacement": n * d, "fluid_velocity": n * d, "pressure": n, "auxiliary": n * (fluid.components - d - 1)}
 
 
-def _wall_time(comm, stopwatch, phases):
-    solvers = [phase.solver for phase in phases.values() if phase.solver]
+def _wall_time(comm, stopwatch, blocks):
+    solvers = [block.solver for block in blocks if block.solver]
     seconds = {name: stopwatch.seconds[name] for name in ("setup", "assembly", "residual", "output")}
     seconds["factorization"] = sum(solver.setup_time for solver in solvers)
     seconds["solve"] = sum(solver.solve_time for solver in solvers)
@@ -60,9 +62,14 @@ def _wall_time(comm, stopwatch, phases):
     return {name: max(one[name] for one in everyone) for name in seconds}
 
 
-def _linear_iterations(phase):
-    solver = phase.solver
-    return {"mean": solver.iterations_mean if solver else 0.0, "max": solver.iterations_max if solver else 0}
+def _linear_iterations(block):
+    if block is None or block.solver is None:
+        return {"mean": 0.0, "max": 0}
+    return {"mean": block.solver.iterations_mean, "max": block.solver.iterations_max}
+
+
+def _factorizations(block):
+    return 0 if block is None or block.solver is None else block.solver.factorizations
 
 
 def _peak_memory(comm):

@@ -1,0 +1,101 @@
+"""A saturated porous medium: skeleton and fluid on coincident meshes, whatever solves their common step."""
+
+import numpy as np
+
+from .convergence import Convergence
+
+
+class PorousMedium:
+    """The two phases, their convergence and their state; a scheme adds how an iteration changes the trial states."""
+
+    advice = "try a smaller step or more coupling.max_iterations"
+
+    def __init__(self, solid, fluid, comm, tolerance, max_iterations):
+        """Take the phases and what ends the iteration of a step."""
+        self.solid, self.fluid, self._comm, self._cap = solid, fluid, comm, max_iterations
+        self.convergence = Convergence(tolerance)
+        self.iterations, self.residuals = 0, None
+
+    def dot(self, a, b):
+        """Return the inner product of two distributed vectors (collective)."""
+        return float(self._comm.allreduce(np.vdot(a, b)))
+
+    def step(self, schemes, rates, t, step):
+        """Solve one step from time t (nothing is accepted); raise ConvergenceError at the cap.
+
+        schemes : (solid, fluid) time schemes; rates : `phases.transfer.Rates`.
+        """
+        solid_scheme, fluid_scheme = schemes
+        accepted = self.solid.accepted_skeleton()
+        self.fluid.begin_step(fluid_scheme, rates, t, accepted)
+        self.solid.begin_step(solid_scheme, t)
+        self.convergence.start_step()
+        self._begin(rates, accepted)
+        for iteration in range(self._cap + 1):
+            self.fluid.follow(self.solid.skeleton())
+            fluid_residuals = self.fluid.residual(self.solid.skeleton())
+            solid_residual = self.solid.residual(self.fluid.flow())
+            if self.convergence.reached(_norms(fluid_residuals, solid_residual)):
+                self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
+                return
+            if iteration < self._cap:
+                self._iterate(iteration, solid_residual, fluid_residuals, rates)
+        self.reset()
+        raise self.convergence.failure(t, step, self.advice)
+
+    def accept(self):
+        """Make the trial states the accepted ones."""
+        self.fluid.accept()
+        self.solid.accept()
+
+    def reset(self):
+        """Forget the trial states and ask for new tangents."""
+        for phase in (self.fluid, self.solid):
+            phase.reset()
+            phase.expire_tangent()
+
+    @property
+    def blocks(self):
+        """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
+        return {"solid": self.solid, "fluid": self.fluid}
+
+    # -- what the run looks at --------------------------------------------------------------------------------------------
+
+    def collocated(self):
+        """Return v_s, v_f (n_owned, d) and p (n_owned, 1) of the trial state on the collocation level."""
+        n, flow = self.solid.mesh.n_owned, self.fluid.flow()
+        return self.solid.velocity[:n], flow.velocity[:n], flow.pressure[:n, None]
+
+    def energies(self):
+        """Return kinetic and elastic energy of the accepted state [J] (collective)."""
+        kinetic, elastic = self.solid.energies()
+        return kinetic + self.fluid.kinetic_energy(self.solid.accepted_skeleton()), elastic
+
+    def state(self):
+        """Return the arrays a restart needs, name -> (n_owned, ...)."""
+        phases = {"solid": self.solid, "fluid": self.fluid}
+        return {f"{name}.{key}": array for name, phase in phases.items() for key, array in phase.state().items()}
+
+    def memory(self):
+        """Return the numbers a restart needs beside the arrays."""
+        return {
+            "solid": self.solid.memory(),
+            "fluid": self.fluid.memory(),
+            "iterations": self.iterations,
+            "largest": self.convergence.largest,
+        }
+
+    def load_state(self, arrays, memory, schemes, rates):
+        """Continue from `state` and `memory`; schemes and rates are those of the next step."""
+        parts = {name: {} for name in ("solid", "fluid")}
+        for key, array in arrays.items():
+            name, _, field = key.partition(".")
+            parts[name][field] = array
+        self.solid.load_state(parts["solid"], memory["solid"], rates)
+        self.fluid.load_state(parts["fluid"], memory["fluid"], schemes[1], rates, self.solid.skeleton_at)
+        self.iterations, self.convergence.largest = memory["iterations"], memory["largest"]
+
+
+def _norms(fluid_residuals, solid_residual):
+    momentum, volume = fluid_residuals
+    return {"fluid momentum": momentum.norms(), "volume": volume.norms(), "solid momentum": solid_residual.norms()}

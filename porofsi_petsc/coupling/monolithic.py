@@ -1,0 +1,23 @@
+"""The saturated porous medium solved as one system: Newton's iteration with all off-diagonal tangents (quasi-direct)."""
+
+from .medium import PorousMedium
+
+
+class MonolithicCoupling(PorousMedium):
+    """Newton's iteration for (y, v_f, p) together; what the partitioned scheme must reproduce to its tolerance."""
+
+    def __init__(self, solid, fluid, comm, tolerance, max_iterations, mixture):
+        """Take the medium (phases of the plain split) and a `phases.mixture.Mixture`, which solves for both increments."""
+        super().__init__(solid, fluid, comm, tolerance, max_iterations)
+        self.mixture = mixture
+
+    @property
+    def blocks(self):
+        """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
+        return {"mixture": self.mixture}
+
+    def _begin(self, rates, accepted):
+        """Do nothing: the predictors are the phases'."""
+
+    def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
+        self.mixture.correct(solid_residual, fluid_residuals, rates)
