@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from porofsi_petsc.config import conditions, geometry, material, schema, sections
+from porofsi_petsc.config import conditions, geometry, load_scene, material, schema, sections
 from porofsi_petsc.config.types import Formula, Limit, Tags, Vector
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "scene.md"
@@ -106,3 +106,10 @@ def test_every_section_has_a_heading():
     headings = {re.sub(r"[\[\]]", "", heading).split()[0] for heading in documented()}
     assert set(schema.Scene.model_fields) - TEXTS - {"smoke"} <= headings
     assert set(documented()) == set(TABLES)
+
+
+def test_the_scene_of_the_readme_is_valid(tmp_path):
+    text = (DOCUMENT.parents[1] / "README.md").read_text(encoding="utf-8")
+    path = tmp_path / "readme.toml"
+    path.write_text(re.search(r"```toml\n(.*?)```", text, re.DOTALL).group(1), encoding="utf-8")
+    assert load_scene(path).dim == 2
