@@ -67,7 +67,7 @@ def test_fieldsplit_agrees_with_the_dense_solution(dim, has_auxiliary):
     A = block.matrix("fluid_")
     rhs = block.load()
     fields = fluid_fields(COMM, block.first_node, block.n_owned_nodes, dim, block.block_size)
-    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(dim, has_auxiliary, direct=False), fields=fields)
+    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(dim, direct=False), fields=fields)
     x, expected = gathered(solver.solve(rhs)), np.linalg.solve(dense(A.mat), gathered(rhs))
     for component in range(block.block_size):  # rtol 1e-8 on a diagonally scaled system; the units do not mix any more
         a, b = x[component :: block.block_size], expected[component :: block.block_size]
@@ -82,7 +82,7 @@ def test_fieldsplit_stays_right_while_the_matrix_changes_under_its_preconditione
     block = FluidBlock(COMM, 2, 5, has_auxiliary=True)
     A = block.matrix("fluid_")
     fields = fluid_fields(COMM, block.first_node, block.n_owned_nodes, 2, block.block_size)
-    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(2, True, direct=False, viscous=viscous), fields=fields)
+    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(2, direct=False, viscous=viscous), fields=fields)
     first = gathered(solver.solve(block.load()))
     A.assemble(1.5 * block.element_matrices)
     solver.update()

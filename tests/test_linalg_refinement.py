@@ -26,7 +26,7 @@ def iterations(dim, n, has_auxiliary, **physics):
     exact = LinearSolver(A.mat, "exact_", direct_defaults())
     expected = exact.solve(rhs)[dim :: block.block_size]
     exact.destroy()
-    defaults = fieldsplit.fluid_defaults(dim, has_auxiliary, direct=False) | {"ksp_rtol": 1e-6}
+    defaults = fieldsplit.fluid_defaults(dim, direct=False) | {"ksp_rtol": 1e-6}
     options.set_defaults("fluid_", defaults)
     fields = fieldsplit.fluid_fields(MPI.COMM_SELF, 0, len(block.X), dim, block.block_size)
     solver = LinearSolver(A.mat, "fluid_", defaults, fields=fields)

@@ -6,26 +6,15 @@ The fluid matrix has the unknowns (v_1 … v_d, p[, s]) node by node,
     [ -B  C+B_m  -B_m   ]      C   = tau n^2 Laplacian
     [ .   -B_m   B_m+B_L]      B_m mass, B_L Laplacian
 
-and is solved by FGMRES with the upper triangular factor; the Schur complement is approximated by C + B lump(A)^-1 B^T (`selfp`).
+and is solved by FGMRES with the upper triangular factor.  The block C + B_m of the matrix itself stands for the Schur complement
+C + B A^-1 B^T + B_m: PSPG's tau = ((2 rho/dt)^2 + S^2)^-1/2 is the size of A^-1, so that the two differ by a factor between 1 and
+about 2.5 at every wave number, whatever the step, the drag and the order.  Without PSPG the Schur complement is assembled from
+diag(A)^-1 (`selfp`; not from row sums, which vanish at the vertices of quadratic triangles).
 
-Measured, P1 on 10 m x 10 m (x 10 m), PETSc 3.18 in serial, velocity by block Jacobi with ILU(0), iterations to rtol 1e-6.
+Scaling: the residual mixes N and m³/s; at dt = 1e-4 s rtol was met with a pressure wrong by 70 %.  The KSP therefore scales the
+matrix symmetrically to a unit diagonal, and `pressure_pc` undoes it for the multigrid, which wants the constants.
 
-Scaling: the residual mixes N and m³/s; at dt = 1e-4 s rtol was met with a pressure wrong by 70 %.  After the symmetric
-diagonal scaling velocity and pressure agree with a direct solve to about ten times rtol.
-
-Without s (dt 1e-5 … 0.1 s, k 1 … 1e-5 m/s): hypre 6-10, GAMG 11-22; Jacobi on the velocity instead of ILU 11-18; diag(A) instead
-of lump(A) at most one more.
-
-With s, small steps or a stiff skeleton make B_m dominate and tie s to p at every node.  Iterations on the finest mesh (96², 12³):
-
-    S dt/rho, dt [s]                        1e4, 1e-3 2-D   1, 1e-5 2-D (64²)   1e4, 1e-3 3-D   1e4, 1e-5 3-D
-    GAMG 2 x 2 blocks, Richardson/SOR             20              25                  13              14
-    GAMG 2 x 2 blocks, Chebyshev/point Jacobi     34              33                  22              49
-    hypre, (p, s) as one scalar field            450              11                  21               8
-    hypre, (p, s) as two functions           fails at dt <= 1e-4
-
-so GAMG with blocks and SOR is the default (over dt 1e-5 … 1 s, 2-D and 3-D: 6-31, at most 14 in 3-D); the SOR sweeps solve the
-2 x 2 blocks of a node together, which the couplings need.
+Iterations by mesh, step and permeability: docs/solvers.md.
 """
 
 import numpy as np
@@ -34,12 +23,8 @@ from petsc4py import PETSc
 from .options import has_package
 from .solver import direct_defaults
 
-_GAMG_BLOCKS = {
-    "pc_type": "gamg",
-    "pc_gamg_threshold": 0.02,
-    "mg_levels_ksp_type": "richardson",
-    "mg_levels_pc_type": "sor",
-}
+_PRESSURE = {"pc_type": "python", "pc_python_type": "porofsi_petsc.linalg.pressure_pc.PressureMultigrid"}
+_GAMG = {"pc_type": "gamg", "mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"}
 _FIELDSPLIT = {
     "ksp_type": "fgmres",
     "ksp_rtol": 1e-8,
@@ -50,14 +35,13 @@ _FIELDSPLIT = {
     "pc_type": "fieldsplit",
     "pc_fieldsplit_type": "schur",
     "pc_fieldsplit_schur_fact_type": "upper",
-    "pc_fieldsplit_schur_precondition": "selfp",
-    "fieldsplit_p_mat_schur_complement_ainv_type": "lump",
+    "pc_fieldsplit_schur_precondition": "a11",
     "fieldsplit_p_ksp_type": "preonly",
     "fieldsplit_v_ksp_type": "preonly",
 }
 
 
-def fluid_defaults(dim: int, has_auxiliary: bool, direct: bool, viscous: bool = False) -> dict[str, object]:
+def fluid_defaults(dim: int, direct: bool, viscous: bool = False, pspg: bool = True) -> dict[str, object]:
     """Return the option defaults of the velocity-pressure solver.
 
     direct : a factorization where this PETSc has one for the number of ranks, else FieldSplit.
@@ -66,9 +50,10 @@ def fluid_defaults(dim: int, has_auxiliary: bool, direct: bool, viscous: bool = 
     factor = direct_defaults() if direct else None
     if factor is not None:
         return factor
-    pressure = _GAMG_BLOCKS if has_auxiliary else _multigrid(dim)
     velocity = _multigrid(dim) if viscous else {"pc_type": "bjacobi"}
-    return _FIELDSPLIT | _prefixed("fieldsplit_v_", velocity) | _prefixed("fieldsplit_p_", pressure)
+    pressure = _PRESSURE | _prefixed("inner_", _multigrid(dim))
+    schur = {} if pspg else {"pc_fieldsplit_schur_precondition": "selfp"}
+    return _FIELDSPLIT | schur | _prefixed("fieldsplit_v_", velocity) | _prefixed("fieldsplit_p_", pressure)
 
 
 def solid_defaults(dim: int, direct: bool, symmetric: bool = True) -> dict[str, object]:
@@ -120,7 +105,7 @@ def _field(comm, nodes, components, block_size):
 
 def _multigrid(dim):
     if not has_package("hypre"):
-        return {"pc_type": "gamg"}
+        return _GAMG
     return {"pc_type": "hypre", "pc_hypre_boomeramg_strong_threshold": 0.25 if dim == 2 else 0.5}
 
 

@@ -31,7 +31,8 @@ class LinearSolver:
     prefix         : options prefix of the KSP and of the matrix (MUMPS' options hang on the matrix)
     defaults       : options (without the prefix) for what the user leaves open
     near_nullspace : arrays of the owned rows (`rigid_body_modes`), for algebraic multigrid
-    fields         : dict name -> PETSc.IS, the splits of a FieldSplit preconditioner
+    fields         : dict name -> PETSc.IS, the splits of a FieldSplit preconditioner; "p" gets the scaled constants as its
+                     near-null space (`pressure_pc`)
 
     Reuse rule.  After `update` an iterative solver keeps its old preconditioner as long as the last solve took at most
     1.5 n + 2 iterations, n the number at the first solve after it was built; then, or when a solve with it fails, it is
@@ -63,6 +64,8 @@ class LinearSolver:
         if near_nullspace:
             set_near_nullspace(matrix, near_nullspace)
         self._x, self._b = matrix.createVecs()
+        self._pressure = fields.get("p") if fields else None
+        self._constants = _pressure_constants(matrix, prefix, self._pressure)
         self.ksp = _make_ksp(matrix, prefix, fields)
         _living.append(self)
 
@@ -119,7 +122,7 @@ class LinearSolver:
 
     def destroy(self) -> None:
         """Free the PETSc objects of the solver, not the matrix (collective)."""
-        for thing in (self.ksp, self._x, self._b):
+        for thing in (self.ksp, self._x, self._b, *self._constants):
             thing.destroy()
         if self in _living:
             _living.remove(self)
@@ -134,6 +137,8 @@ class LinearSolver:
         if not self._changed:
             return False
         start, fresh = time.perf_counter(), self._rebuild
+        if fresh:
+            self._set_constants()
         self.ksp.setOperators(self.matrix)
         self.ksp.getPC().setReusePreconditioner(not fresh)
         try:
@@ -149,6 +154,17 @@ class LinearSolver:
         self._changed = self._rebuild = False
         self.setup_time += time.perf_counter() - start
         return fresh
+
+    def _set_constants(self):
+        """Set the near-null space of the pressure block, D^½ 1 under the scaling to a unit diagonal (collective)."""
+        for vector in self._constants:
+            root = self.matrix.getDiagonal()
+            root.sqrtabs()
+            field = root.getSubVector(self._pressure)
+            field.copy(vector)
+            root.restoreSubVector(self._pressure, field)
+            root.destroy()
+            vector.normalize()
 
     def _run(self):
         """Return the iterations and the converged reason; a direct solve that is not finite counts as diverged."""
@@ -204,6 +220,20 @@ def _attach(matrix, columns):
     matrix.setNearNullSpace(space)
     for thing in (space, *vectors):
         thing.destroy()
+
+
+def _pressure_constants(matrix, prefix, pressure):
+    """Return [vector] for the near-null space of the pressure block, [] where the KSP does not scale.
+
+    PETSc hands what an index set carries under this name to the block it extracts.
+    """
+    if pressure is None or not PETSc.Options().getBool(prefix + "ksp_diagonal_scale", False):
+        return []
+    vector = PETSc.Vec().createMPI((pressure.getLocalSize(), PETSc.DETERMINE), comm=matrix.comm)
+    space = PETSc.NullSpace().create(vectors=[vector], comm=matrix.comm)
+    pressure.compose("nearnullspace", space)
+    space.destroy()
+    return [vector]
 
 
 def _make_ksp(matrix, prefix, fields):

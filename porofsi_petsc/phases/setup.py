@@ -79,6 +79,11 @@ class FluidSetup(PhaseSetup):
     lsic: bool
     undrained: bool
 
+    @property
+    def viscous(self):
+        """Return whether the fluid has a viscous (Brinkman) term."""
+        return any(material.viscosity for material in self.materials.values())
+
     @cached_property
     def has_no_slip(self):
         """Return whether this rank has a wall without slip."""
@@ -100,5 +105,5 @@ class FluidSetup(PhaseSetup):
         """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner."""
         mesh = self.domain.mesh
         fields = fluid_fields(mesh.comm, mesh.first, mesh.n_owned, mesh.dim, components)
-        defaults = fluid_defaults(mesh.dim, self.has_auxiliary, self.direct)
+        defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg)
         return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields)
