@@ -10,8 +10,8 @@ only the tie.  In the variables (p, q = p - s) the tie is a mass matrix in q alo
     TᵀPT = [ C + B_L   -B_L      ]     T = [ 1   0 ]
            [ -B_L      B_m + B_L ]         [ 1  -1 ]
 
-On large steps B_L >> B_m, and there (p, s) are the decoupled ones; so every node takes the pair that its own 2 x 2 block asks for.
-The KSP solves for D^½ x, scaled to a unit diagonal, in which the constants that multigrid interpolates are not constant: W = D^½ T.
+On large steps B_L >> B_m, and there (p, s) are the decoupled ones; so every node takes the pair that its own block asks for.
+The KSP solves for D^½ x, scaled to a unit diagonal, in which the constants that multigrid wants are not constant: W = D^½ T.
 """
 
 import numpy as np
