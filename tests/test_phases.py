@@ -1,0 +1,188 @@
+"""The phases: assembled tangents against differences of their residuals; states that must not feel a force."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from running import SCENES
+
+from porofsi_petsc import load_scene
+from porofsi_petsc.linalg.options import start
+from porofsi_petsc.phases.transfer import Flow
+from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.stopwatch import Stopwatch
+
+BLOCK3D = str(SCENES / "block3d.toml")
+PLANE = ("mesh.x.cells=[1, 1, 1]", "mesh.x.ratios=[1.0, 1.0, 1.0]", "mesh.y.cells=[2]", "mesh.y.ratios=[1.0]")
+SPACE = ("mesh.x.cells=[1, 1]", "mesh.y.cells=[1]", "mesh.z.cells=[1]", "mesh.z.ratios=[1.0]")
+MESHES = {
+    "T3": ("pulse2d", (*PLANE, "mesh.order=1")),
+    "T6": ("pulse2d", (*PLANE, "mesh.order=2")),
+    "T4": (BLOCK3D, SPACE),
+    "T10": (BLOCK3D, (*SPACE, "mesh.order=2")),
+}
+DARCY = ("model.viscosity=false", "model.convection=true", "model.moving_mesh=true")
+BRINKMAN = ("model.viscosity=true", "material.0.fluid.viscosity=500.0", "model.convection=true", "model.moving_mesh=true")
+VARIABLE = ("model.porosity=variable", "material.0.permeability.law=kozeny_carman")
+# Central differences: truncation of the terms that are not quadratic (1e-8 at a step of 1e-4 of the scale) and the round-off of
+# residuals against their change (1e-12/1e-4).
+FD_STEP, FD_TOLERANCE = 1e-4, 2e-7
+
+
+@pytest.fixture(scope="module", autouse=True)
+def petsc():
+    start()
+
+
+def medium(mesh, *overrides):
+    """Return the coupling of a scene on a small mesh on this rank alone, with the schemes and the rates of its first step."""
+    name, changes = MESHES[mesh]
+    scene = load_scene(name, (*changes, "coupling.split=plain", *overrides))
+    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    return coupling, *Clock(scene.time).next_schemes(scene.model)
+
+
+def in_motion(mesh, *overrides):
+    """Return a coupling within a step from a random accepted state to a random trial state, and the rates."""
+    rng = np.random.default_rng(3)
+    coupling, (solid_scheme, fluid_scheme), rates = medium(mesh, *overrides)
+    solid, fluid = coupling.solid, coupling.fluid
+    for array, scale in ((solid.u, 0.02), (solid.v, 0.3), (solid.a, 1.0), (fluid.v, 0.3), (fluid.a, 1.0), (fluid.p, 1e4)):
+        array[:] = scale * rng.standard_normal(array.shape)
+    for phase in (solid, fluid):
+        phase.reset()
+    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_skeleton())
+    solid.begin_step(solid_scheme, 0.0)
+    solid.unknowns = solid.unknowns + 0.02 * rng.standard_normal(solid.unknowns.shape)
+    fluid.unknowns = fluid.unknowns + np.array([0.3] * solid.mesh.dim + [1e4]) * rng.standard_normal(fluid.unknowns.shape)
+    return coupling, rates
+
+
+def difference(phase, residual, scales):
+    """Return the derivative of a residual (n_owned, k) by the unknowns on the collocation level, dense."""
+    base, columns = phase.unknowns.copy(), []
+    for node, component in np.ndindex(base.shape):
+        values = []
+        for sign in (1, -1):
+            trial = base.copy()
+            trial[node, component] += sign * FD_STEP * scales[component]
+            phase.unknowns = trial
+            values.append(residual().ravel())
+        columns.append((values[0] - values[1]) / (2 * FD_STEP * scales[component] * phase.scheme.alpha_f))
+    phase.unknowns = base
+    return np.column_stack(columns)
+
+
+def assert_blocks_agree(matrix, expected, free, fields):
+    """Compare the free rows and columns of two matrices field by field, each on the scale of its own block."""
+    for rows in fields:
+        for columns in fields:
+            block = np.ix_(np.flatnonzero(free & rows), np.flatnonzero(free & columns))
+            scale = np.abs(expected[block]).max()
+            assert scale > 0
+            assert np.abs(matrix[block] - expected[block]).max() < FD_TOLERANCE * scale
+
+
+def dense(matrix):
+    matrix = matrix.copy()
+    matrix.convert("dense")
+    return matrix.getDenseArray().copy()
+
+
+@pytest.mark.parametrize("options", [DARCY, BRINKMAN, DARCY + VARIABLE], ids=["Darcy", "Brinkman", "variable porosity"])
+@pytest.mark.parametrize("mesh", MESHES)
+def test_fluid_tangent_is_the_derivative_of_its_residual(mesh, options):
+    coupling, rates = in_motion(mesh, *options)
+    fluid, d = coupling.fluid, coupling.solid.mesh.dim
+    skeleton = coupling.solid.skeleton()
+
+    def residual():
+        momentum, volume = fluid.residual(skeleton)
+        return np.column_stack([momentum.total, volume.total])
+
+    fluid.renew_tangent(rates, skeleton)
+    expected = difference(fluid, residual, [0.3] * d + [1e4])
+    free = ~fluid._setup.mask.ravel()
+    pressure = np.tile(np.arange(d + 1) == d, len(free) // (d + 1))
+    assert_blocks_agree(dense(fluid._matrix.mat), expected, free, [~pressure, pressure])
+
+
+@pytest.mark.parametrize("law", ["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"])
+@pytest.mark.parametrize("mesh", MESHES)
+def test_solid_tangent_is_the_derivative_of_its_residual(mesh, law):
+    """On the fixed mesh: on a moving one the change of the pressure term with the configuration is left to the iteration."""
+    fixed = ("model.moving_mesh=false", f"material.0.solid.law={law}", "limits.mesh_displacement=report", "limits.strain=report")
+    coupling, rates = in_motion(mesh, *fixed)
+    solid, flow = coupling.solid, coupling.fluid.flow()
+    solid.renew_tangent(rates)
+    expected = difference(solid, lambda: solid.residual(flow).total, [0.02] * solid.mesh.dim)
+    free = ~solid._setup.dirichlet.mask.ravel()
+    assert_blocks_agree(dense(solid._matrix.mat), expected, free, [np.ones(len(free), dtype=bool)])
+
+
+def test_a_term_left_out_of_the_tangent_would_be_seen():
+    """The corrected split's fluid tangent has a term that its residual lacks: the comparison must notice it."""
+    coupling, rates = in_motion("T3", *DARCY, "coupling.split=corrected")
+    fluid, skeleton = coupling.fluid, coupling.solid.skeleton()
+    fluid.renew_tangent(rates, skeleton)
+    m, n = fluid.components, fluid.mesh.n_owned
+    matrix = dense(fluid._matrix.mat).reshape(n, m, n, m)[:, :3, :, :3].reshape(3 * n, 3 * n)
+    expected = difference(fluid, lambda: np.column_stack([r.total for r in fluid.residual(skeleton)]), [0.3, 0.3, 1e4])
+    free = ~fluid._setup.mask[:, :3].ravel()
+    with pytest.raises(AssertionError):
+        assert_blocks_agree(matrix, expected, free, [np.ones(len(free), dtype=bool), np.tile([False, False, True], n)])
+
+
+# -- rigid motion and uniform flow ----------------------------------------------------------------------------------------
+
+
+def rotation(dim, angle):
+    Q = np.eye(dim)
+    c, s = np.cos(angle), np.sin(angle)
+    Q[:2, :2] = [[c, -s], [s, c]]
+    return Q
+
+
+@pytest.mark.parametrize("law", ["saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"])
+@pytest.mark.parametrize("mesh", MESHES)
+def test_a_rigid_motion_has_no_stress_and_no_energy(mesh, law):
+    coupling, (scheme, _), _ = medium(mesh, f"material.0.solid.law={law}")
+    solid, d = coupling.solid, coupling.solid.mesh.dim
+    X = solid.mesh.X
+    u = X @ rotation(d, 0.7).T - X + np.arange(1.0, d + 1)
+    solid.begin_step(scheme, 0.0)
+    solid.u[:] = u
+    solid.unknowns = u
+    at_rest = Flow(np.zeros_like(solid.u), np.zeros(solid.mesh.n_local))
+    terms = solid.residual(at_rest).terms
+    # round-off of P = O(1e7 Pa) integrated over faces of O(100 m^2), 1e-16 each
+    assert np.abs(terms["stress"]).max() < 1e-6
+    assert np.abs(terms["pressure"]).max() == np.abs(terms["drag"]).max() == 0
+    assert abs(solid.energies()[1]) < 1e-6
+    solid.unknowns = 1.001 * u
+    assert np.abs(solid.residual(at_rest).terms["stress"]).max() > 1e3
+
+
+@pytest.mark.parametrize("options", [DARCY, BRINKMAN], ids=["Darcy", "Brinkman"])
+@pytest.mark.parametrize("mesh", MESHES)
+def test_a_uniform_flow_on_a_moving_mesh_stays_uniform(mesh, options):
+    """However the nodes move through it, a uniform flow has no inertia, no pressure and no viscous force: only the drag."""
+    coupling, (solid_scheme, fluid_scheme), rates = medium(mesh, *options)
+    solid, fluid, rng = coupling.solid, coupling.fluid, np.random.default_rng(5)
+    d = solid.mesh.dim
+    solid.u[:] = 0.02 * rng.standard_normal(solid.u.shape)
+    solid.v[:] = 0.3 * rng.standard_normal(solid.v.shape)
+    uniform = np.arange(1.0, d + 1)
+    fluid.v[:] = uniform
+    for phase in (solid, fluid):
+        phase.reset()
+    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_skeleton())
+    solid.begin_step(solid_scheme, 0.0)
+    fluid.unknowns = np.column_stack([np.tile(uniform, (fluid.mesh.n_owned, 1)), np.zeros(fluid.mesh.n_owned)])
+    momentum, volume = fluid.residual(solid.skeleton())
+    drag = np.abs(momentum.terms["drag"]).max()
+    for name in ("inertia", "pressure", "viscous", "body"):
+        assert np.abs(momentum.terms[name]).max() < 1e-12 * drag, name  # round-off beside the drag, the one true force
+    fluid.unknowns = fluid.unknowns * (1 + 1e-6 * rng.standard_normal(fluid.unknowns.shape))
+    moved, _ = fluid.residual(solid.skeleton())
+    assert np.abs(moved.terms["inertia"]).max() > 1e-9 * drag
