@@ -107,16 +107,17 @@ def elastic_solver(prefix, defaults):
     return block, A, solver
 
 
+TIGHT = {"ksp_rtol": 1e-8}
 PYAMG = {"pc_type": "bjacobi", "sub_pc_type": "python", "sub_pc_python_type": "porofsi_petsc.linalg.pyamg_pc.PyAMG"}
 
 
 @pytest.mark.parametrize(
     "name, defaults",
     [
-        ("gamg", solid_defaults(3, direct=False)),
+        ("gamg", solid_defaults(3, direct=False) | TIGHT),
         ("direct", solid_defaults(3, direct=True)),
-        ("hypre", solid_defaults(3, direct=False) | {"pc_type": "hypre"}),
-        ("pyamg", solid_defaults(3, direct=False) | PYAMG),
+        ("hypre", solid_defaults(3, direct=False) | TIGHT | {"pc_type": "hypre"}),
+        ("pyamg", solid_defaults(3, direct=False) | TIGHT | PYAMG),
     ],
 )
 def test_displacement_solvers_agree_with_the_dense_solution(name, defaults):

@@ -197,7 +197,8 @@ class FluidPhase:
         n, d = self.mesh.n_owned, self.mesh.dim
         rhs = np.zeros((n, self.components))
         rhs[:, :d], rhs[:, d : d + 1] = -momentum.total, -volume.total
-        self.add(self._solver.solve(rhs.ravel()).reshape(n, self.components)[:, : d + 1])
+        increment = self._solver.solve(rhs.ravel()).reshape(n, self.components)
+        self.add(np.where(self._setup.mask[:n], 0.0, increment)[:, : d + 1])  # see `SolidPhase.correct`
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d + 1), to the trial state."""
@@ -215,6 +216,7 @@ class FluidPhase:
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix, self.components)
+        self._solver.set_tolerance(self._setup.linear_tolerance(rates))
         self._solver.refactor()
 
     def _element_tangents(self, skeleton, rates, fields):

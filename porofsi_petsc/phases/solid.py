@@ -177,7 +177,8 @@ class SolidPhase:
 
     def correct(self, residual):
         """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
-        self.add(self._solver.solve(-residual.total.ravel()).reshape(self.mesh.n_owned, self.mesh.dim))
+        increment = self._solver.solve(-residual.total.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
+        self.add(self._setup.dirichlet.free(increment))  # multigrid moves prescribed nodes within its tolerance
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d), to the trial state."""
