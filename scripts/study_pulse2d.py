@@ -131,16 +131,36 @@ def energy_table(done):
 
 def coupling_table(done):
     """Return the rows of coupling iterations and the pressure oscillation of the low-permeability levels."""
-    yield "| element | mesh | step | nodes | coupling mean/max | steps over 15 | oscillation indicator | time [s] |"
-    yield "|---" * 8 + "|"
+    yield "| element | mesh | step | nodes | coupling mean/max | steps over 15 | roughness | below 1 m | time [s] |"
+    yield "|---" * 9 + "|"
     for level in done:
         summary = summary_of(level)
         iterations = read_history(directory(level) / "history.csv")["coupling_iterations"][1:]
         over = f"{int((iterations > 15).sum())} of {len(iterations)}"
         yield (
             f"| {level.label} | {summary['nodes']} | {iterations.mean():.1f}/{int(iterations.max())} | {over} "
-            f"| {summary['oscillation_indicator']:.3f} | {summary['wall_time']['total']:.0f} |"
+            f"| {summary['oscillation_indicator']:.3f} | {deep_roughness(level):.3f} | {summary['wall_time']['total']:.0f} |"
         )
+
+
+def deep_roughness(level):
+    """Return the largest |p - p̄| over the largest |p| of the run, norms over the nodes 1 m below the surface and deeper."""
+    mesh = directory(level) / "fields" / "mesh.h5"
+    points, cells = read_slab(mesh, "points"), read_slab(mesh, "cells")
+    a, b, c = (points[cells[:, i], :2] for i in range(3))
+    area = np.abs(np.cross(b - a, c - a))
+    inside = (points[:, 1] <= HEIGHT - 1) & (points[:, 1] > 0) & (points[:, 0] > 0) & (points[:, 0] < WIDTH)
+
+    def sum_at_nodes(values):
+        return np.bincount(cells.ravel(), np.repeat(values, cells.shape[1]), len(points))
+
+    total, norms = sum_at_nodes(area), []
+    for snapshot in read_snapshots(directory(level))[1:]:
+        p = read_slab(snapshot.path, "pressure")
+        rough = p - sum_at_nodes(area * p[cells].mean(axis=1)) / total
+        norms.append((np.linalg.norm(rough[inside]), np.linalg.norm(p[inside])))
+    rough, pressure = np.max(norms, axis=0)
+    return rough / pressure
 
 
 # -- fronts ---------------------------------------------------------------------------------------------------------------
@@ -279,9 +299,10 @@ along, and 64.5 m/s, it does not.
 
 ## pulse2d_low_permeability: coupling iterations
 
-k_f = 1e-5 m/s, Aitken, tolerance 1e-6, until t = {low_end:g} s (the pulse ends at 0.04 s). The oscillation indicator is the
-norm of the difference between nodal pressures and their local averages over the norm of the pressures; a checkerboard would
-make it of order one.
+k_f = 1e-5 m/s, Aitken, tolerance 1e-6, until t = {low_end:g} s (the pulse ends at 0.04 s). Roughness is the largest norm of
+the difference between nodal pressures and their local averages over the largest norm of the pressures in the run
+(`oscillation_indicator` of the summary, interior nodes): mostly the layer of √(c_v t) = 0.03 m under the drained strip,
+which no mesh here resolves. A checkerboard fills the block, so the next column leaves out the upper metre.
 
 {coupling}
 """
