@@ -1,0 +1,88 @@
+"""Iterative solvers on the matrices of real scenes: bounded under refinement, and invisible to the coupling iteration."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from solver_scenes import Case, solve
+
+from porofsi_petsc.linalg import options
+
+
+@pytest.fixture(autouse=True)
+def clean_options():
+    yield
+    options.start()
+
+
+# coarse and fine mesh; largest number of FGMRES iterations at the tolerance that the drag asks for (1e-5 … 1e-13)
+MESHES = {(2, 1): (8, 32, 12), (2, 2): (4, 16, 18), (3, 1): (3, 6, 14), (3, 2): (2, 3, 24)}
+PHYSICS = {
+    "free fluid, small step": {"k": 1e-2, "dt": 1e-4},
+    "free fluid, large step": {"k": 1e-2, "dt": 1e-1},
+    "drag": {"k": 1e-5, "dt": 1e-3},
+    "undrained": {"k": 1e-9, "dt": 1e-2},
+    "quasi-static": {"k": 1e-5, "dt": 1e-1, "dynamic": False},
+    "Brinkman": {"k": 1e-2, "dt": 1e-3, "viscous": True},
+    "finite strain": {"k": 1e-2, "dt": 1e-3, "finite": True},
+}
+
+
+@pytest.mark.parametrize("physics", PHYSICS)
+@pytest.mark.parametrize("dim, order", MESHES)
+def test_iterations_are_bounded_under_refinement(dim, order, physics):
+    coarse, fine, cap = MESHES[dim, order]
+    case = Case(dim=dim, order=order, coupling={"tolerance": 1e-4}, **PHYSICS[physics])
+    before, after = (solve(replace(case, n=n), direct=False, steps=1) for n in (coarse, fine))
+    assert after.fluid <= min(cap, 1.5 * before.fluid + 3)
+    assert after.solid <= min(20, 1.5 * before.solid + 5)
+
+
+@pytest.mark.skipif(not options.has_package("hypre"), reason="the default without hypre is tested already")
+@pytest.mark.parametrize("dt", [1e-4, 1e-1])
+def test_gamg_takes_the_place_of_hypre(monkeypatch, dt):
+    from porofsi_petsc.linalg import fieldsplit
+
+    monkeypatch.setattr(fieldsplit, "has_package", lambda name: False)
+    assert solve(Case(n=24, dt=dt), direct=False, steps=1).fluid <= 12
+
+
+@pytest.mark.parametrize("k", [1e-2, 1e-5, 1e-9, 1e-12])
+@pytest.mark.parametrize("dt", [1e-4, 1e-2])
+def test_coupling_takes_as_many_iterations_as_with_direct_solvers(k, dt):
+    case = Case(n=12, k=k, dt=dt)
+    direct, iterative = solve(case, direct=True), solve(case, direct=False)
+    assert np.abs(np.subtract(direct.coupling, iterative.coupling)).max() <= 1
+    assert direct.fluid == 1 < iterative.fluid
+
+
+@pytest.mark.parametrize("k, tolerance", [(1e-2, 1e-11), (1e-5, 1e-11)])
+def test_iterative_solvers_do_not_floor_the_coupling(k, tolerance):
+    case = Case(n=8, k=k, coupling={"tolerance": tolerance})
+    direct, iterative = solve(case, direct=True), solve(case, direct=False)
+    for name in ("u", "v", "p"):
+        a, b = getattr(direct, name), getattr(iterative, name)
+        # residuals of 1e-11 of the largest force, times the condition of the coupled problem (measured: up to 1e-9)
+        assert np.linalg.norm(a - b) < 1e-8 * np.linalg.norm(a), name
+
+
+def test_multigrid_leaves_prescribed_displacements_alone():
+    outcome = solve(Case(n=8), direct=False, petsc="-solid_ksp_rtol 1e-2 -fluid_ksp_rtol 1e-2")
+    X, natural = outcome.mesh.X, outcome.mesh.natural
+    u = outcome.u[natural]
+    assert np.all(u[X[:, 0] == 0, 0] == 0) and np.all(u[X[:, 1] == 0, 1] == 0)
+    assert np.abs(u).max() > 0
+
+
+def test_tolerance_follows_the_drag_unless_the_user_sets_it():
+    loose, tight = (solve(Case(n=4, k=k), direct=False, steps=1).tolerance for k in (1.0, 1e-9))
+    assert loose == 1e-5 and tight < 1e-7
+    assert solve(Case(n=4, k=1e-9), direct=False, petsc="-fluid_ksp_rtol 1e-9", steps=1).tolerance == 1e-9
+
+
+def test_fieldsplit_without_pspg_uses_the_assembled_schur_complement():
+    from porofsi_petsc.linalg.fieldsplit import fluid_defaults
+
+    with_pspg, without = (fluid_defaults(2, direct=False, pspg=pspg) for pspg in (True, False))
+    assert with_pspg["pc_fieldsplit_schur_precondition"] == "a11"
+    assert without["pc_fieldsplit_schur_precondition"] == "selfp"
