@@ -10,16 +10,16 @@ only the tie.  In the variables (p, q = p - s) the tie is a mass matrix in q alo
     TᵀPT = [ C + B_L   -B_L      ]     T = [ 1   0 ]
            [ -B_L      B_m + B_L ]         [ 1  -1 ]
 
-On large steps B_L >> B_m, and there (p, s) are the decoupled ones.  The mean tie of a node decides for the whole mesh: nodes with
-different pairs side by side cost more than the wrong pair (a choice node by node took up to 76 iterations on quadratic triangles).
+On large steps B_L >> B_m, and there (p, s) are the decoupled ones.  The mean tie decides for the whole mesh: nodes with different
+pairs side by side cost more than the wrong pair (a choice node by node took up to 76 iterations on quadratic triangles).
 The KSP solves for D^½ x, scaled to a unit diagonal, in which the constants that multigrid wants are not constant: W = D^½ T.
 """
 
 import numpy as np
 from petsc4py import PETSc
 
-# The pair is (p, p - s) above this mean of B_m/(B_m + B_L).  Chosen on quadratic triangles, where it matters: at 0.96 … 0.97 (p, s)
-# takes 15 … 20 iterations and (p, p - s) up to 47, at 0.98 … 0.99 they take 22 … 47 and 10 … 17.  Linear ones at most 10.
+# The pair is (p, p - s) above this mean of B_m/(B_m + B_L).  Chosen on quadratic triangles, where it matters: at 0.96 … 0.97
+# (p, s) takes 15 … 20 iterations and (p, p - s) up to 47, at 0.98 … 0.99 they take 22 … 47 and 10 … 17.  Linear ones at most 10.
 TIED = 0.975
 
 
@@ -63,7 +63,7 @@ class PressureMultigrid:
 
 
 def _change_of_variables(matrix, block_size):
-    """Return W with the node blocks t_p (without s), diag(t_p, t_s), or [t_p 0; t_s -t_s] where the ties are strong (collective)."""
+    """Return W with node blocks t_p (without s), diag(t_p, t_s), or [t_p 0; t_s -t_s] where the ties are strong (collective)."""
     scale, first = _scale(matrix), matrix.getOwnershipRange()[0]
     row = np.arange(len(scale))
     indptr, columns, values = np.arange(len(scale) + 1), first + row, scale

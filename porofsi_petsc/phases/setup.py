@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 
 from ..fem.boundary import Dirichlet
 from ..fem.domain import Domain
@@ -108,8 +107,9 @@ class FluidSetup(PhaseSetup):
     def extent(self):
         """Return the longest side of the bounding box [m] (collective)."""
         mesh = self.domain.mesh
-        low, high = mesh.X.min(axis=0, initial=np.inf), mesh.X.max(axis=0, initial=-np.inf)
-        return max(mesh.comm.allreduce(high, MPI.MAX) - mesh.comm.allreduce(low, MPI.MIN))
+        corners = mesh.X.min(axis=0, initial=np.inf), mesh.X.max(axis=0, initial=-np.inf)
+        low, high = zip(*mesh.comm.allgather(corners), strict=True)
+        return float((np.max(high, axis=0) - np.min(low, axis=0)).max())
 
     def linear_tolerance(self, rates):
         """Return the relative tolerance that leaves the coupling iteration as it is with a direct solver (collective at first).
