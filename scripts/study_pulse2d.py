@@ -248,6 +248,9 @@ def write():
             energy=rows(energy_table(pulse)),
             core=rows(core_table(fronts)),
             coupling=rows(coupling_table(low)),
+            exceeded="; ".join(
+                f"{level.label.replace(' |', ',')}" for level in low if summary_of(level)["coupling_iterations"]["max"] > 15
+            ),
             speed=speed,
             first=times[0],
             last=times[-1],
@@ -305,6 +308,10 @@ the difference between nodal pressures and their local averages over the largest
 which no mesh here resolves. A checkerboard fills the block, so the next column leaves out the upper metre.
 
 {coupling}
+
+More than 15 iterations in some step: {exceeded}. What is left of a checkerboard below 1 m falls with h and *grows* as the
+step shrinks: the undrained stabilization weighs the increment of the pressure with 1/(4 E_c/h² + c_a ρ), and c_a = O(1/Δt²)
+takes over where Δt < h/c_P.
 """
 
 
