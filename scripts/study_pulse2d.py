@@ -59,8 +59,8 @@ def _fraction(symbol, divisor):
 
 
 PULSE = [Level("pulse2d", 0.5), Level("pulse2d"), Level("pulse2d", 1, 2), Level("pulse2d", 2, 2), Level("pulse2d", 2, 2, order=1)]
-LOW = [Level("pulse2d_low_permeability", h, dt, 1, 0.05) for h in (0.5, 1, 2) for dt in (1, 2, 4)]
-LOW += [Level("pulse2d_low_permeability", h, dt, 2, 0.05) for h in (0.5, 1) for dt in (1, 2, 4)]
+STEPS = {(1, 0.5): (1, 2, 4), (1, 1): (1, 2, 4), (1, 2): (1, 2), (2, 0.5): (1, 2, 4), (2, 1): (1, 2)}  # (order, h): steps
+LOW = [Level("pulse2d_low_permeability", h, dt, order, 0.05) for (order, h), steps in STEPS.items() for dt in steps]
 LEVELS = {level.name: level for level in PULSE + LOW}
 
 
