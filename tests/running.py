@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from unittest import mock
 
 import h5py
 import numpy as np
@@ -35,12 +36,13 @@ class Job:
 
 
 def run_here(job):
-    """Run a job in this process (on all its ranks) without figures and return its summary."""
-    importlib.import_module("porofsi_petsc.simulation.run").make_figures = lambda directory: []
+    """Run a job in this process (on all its ranks) and return its summary; without figures and the expectations of the scene."""
     from porofsi_petsc import run
 
     choices = {"restart": job.restart, "force": job.force, "quiet": True, "max_time": job.max_time}
-    return run(load_scene(job.scene, job.overrides), job.directory, petsc_options=job.petsc_options, **choices)
+    scene = load_scene(job.scene, ("expect=[]", *job.overrides))
+    with mock.patch.object(importlib.import_module("porofsi_petsc.simulation.run"), "make_figures"):
+        return run(scene, job.directory, petsc_options=job.petsc_options, **choices)
 
 
 def environment():

@@ -11,7 +11,7 @@ from running import SCENES, Job, by_command_line, changes, command, environment,
 
 from porofsi_petsc.errors import ConvergenceError, ExpectationError, InputError, PorofsiError
 
-BLOCK = ("mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.end=0.01", "time.step=1e-3")
+BLOCK = ("expect=[]", "mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.end=0.01", "time.step=1e-3")
 COLUMN = ("mesh.y.cells=[9, 4]", "time.end=0.01", "time.step=1e-3", "time.growth=1.0", "expect=[]")
 BLOCK3D = str(SCENES / "block3d.toml")
 
