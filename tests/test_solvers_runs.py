@@ -75,7 +75,7 @@ def test_run_works_without_external_packages(reference, shared_path, monkeypatch
     assert_same(run(scene, changes, shared_path / "poor", ()), expected)
 
 
-@pytest.mark.parametrize("package", ["mumps", "hypre", "superlu_dist"])
+@pytest.mark.parametrize("package", ["mumps", "hypre"])
 def test_run_works_without_one_package(reference, shared_path, monkeypatch, package):
     has = options.has_package
     for module in (fieldsplit, solver):

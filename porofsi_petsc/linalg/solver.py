@@ -195,14 +195,12 @@ class LinearSolver:
 def direct_defaults(symmetric: bool = False) -> dict[str, object] | None:
     """Return the options of a direct solver, None when this PETSc has none for more than one rank.
 
-    MUMPS, SuperLU_dist, and PETSc's own serial LU, in this order; LDL^T by MUMPS when the matrix is symmetric (half the
-    work and memory of LU).  MUMPS gets 80 % of spare work space (default 20-35 %), since badly scaled blocks pivot a lot and
-    else end in its error -9.
+    MUMPS, else PETSc's own LU on one rank; LDL^T by MUMPS when the matrix is symmetric (half the work and memory of LU).  MUMPS
+    gets 80 % of spare work space (default 20-35 %), since badly scaled blocks pivot a lot and else end in its error -9.
+    SuperLU_dist is left to the user: slower than the iterative solvers, and PETSc 3.18 crashes at exit after it.
     """
     if has_package("mumps"):
         return _factor("cholesky" if symmetric else "lu", "mumps") | {"mat_mumps_icntl_14": 80}
-    if has_package("superlu_dist"):
-        return _factor("lu", "superlu_dist")
     return _factor("lu", "petsc") if PETSc.COMM_WORLD.size == 1 else None
 
 
