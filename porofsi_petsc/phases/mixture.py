@@ -61,6 +61,6 @@ def _direct():
     defaults = direct_defaults()
     if defaults is None:
         advice = 'use coupling.scheme = "partitioned" or one rank'
-        what = 'coupling.scheme = "monolithic" needs MUMPS or SuperLU_dist on several ranks'
-        raise InputError(f"{what}, this PETSc has neither; {advice}")
+        what = 'coupling.scheme = "monolithic" needs MUMPS on several ranks'
+        raise InputError(f"{what}, which this PETSc lacks; {advice}")
     return defaults
