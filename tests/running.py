@@ -41,7 +41,7 @@ def run_here(job):
 
     choices = {"restart": job.restart, "force": job.force, "quiet": True, "max_time": job.max_time}
     scene = load_scene(job.scene, ("expect=[]", *job.overrides))
-    with mock.patch.object(importlib.import_module("porofsi_petsc.simulation.run"), "make_figures"):
+    with mock.patch.object(importlib.import_module("porofsi_petsc.simulation.run"), "make_figures", lambda directory: []):
         return run(scene, job.directory, petsc_options=job.petsc_options, **choices)
 
 

@@ -17,7 +17,7 @@ def parse_override(text):
 def _parse_value(text):
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (RecursionError, ValueError):
         return text
     return parsed["value"] if len(parsed) == 1 else text
 
@@ -50,7 +50,7 @@ def _assign(target, part, value, key, above):
 
 
 def _index(target, part, key, above):
-    if not part.isdigit() or int(part) >= len(target):
+    if not part.isdecimal() or int(part) >= len(target):
         where = ".".join(above)
         raise InputError(f"override '{key}': received '{part}' below the list {where}, expected an index below {len(target)}")
     return int(part)

@@ -23,9 +23,9 @@ def table(value, folder):
 def _read_table(path, column):
     """Return the first column (strictly increasing times [s]) and the wanted one of a CSV file, with or without a header."""
     try:
-        with open(path, newline="", encoding="utf-8") as file:
+        with open(path, newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file, skipinitialspace=True) if row and not row[0].startswith("#")]
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"table {path} cannot be read: {getattr(error, 'strerror', None) or 'not a text file'}") from None
     header = rows.pop(0) if rows and not _is_number(rows[0][0]) else []
     index = _column(header, column, path)
@@ -33,8 +33,10 @@ def _read_table(path, column):
         times, values = np.array([(float(row[0]), float(row[index])) for row in rows]).reshape(-1, 2).T
     except (ValueError, IndexError) as error:
         raise InputError(f"table {path}: expected numbers in column {index + 1} of every row ({error})") from None
-    if not len(times) or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        raise InputError(f"table {path}: expected at least one row and strictly increasing times in the first column")
+    if not len(times) or not np.isfinite([times, values]).all() or (np.diff(times) <= 0).any():
+        raise InputError(
+            f"table {path}: expected at least one row, finite numbers and strictly increasing times in the first column"
+        )
     return times, values
 
 

@@ -24,7 +24,7 @@ def read_toml(path):
         raise InputError(f"{path}: received a binary file, expected a scene in TOML (UTF-8 text)") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except tomllib.TOMLDecodeError as error:
+    except (RecursionError, ValueError) as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     if not tables:
         raise InputError(f"{path}: received an empty file, expected a scene with [mesh], [time] and [[material]]")

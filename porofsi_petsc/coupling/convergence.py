@@ -4,8 +4,8 @@ from math import isfinite
 
 from ..errors import ConvergenceError
 
-# A force below this part of the largest one of the run is round-off: a field at rest needs no digits.
-FLOOR = 1e-9
+# A residual below this part of the largest force of the run is round-off (measured at rest under a prescribed pressure: 1.2e-15).
+ROUND_OFF = 1e-13
 # A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py).
 SLOW, WARM_UP = 0.65, 4
 
@@ -27,9 +27,8 @@ class Convergence:
         for field, (residual, force) in norms.items():
             self._scales[field] = max(force, self._scales.get(field, 0.0))
             self.largest[field] = max(force, self.largest.get(field, 0.0))
-            scale = max(self._scales[field], FLOOR * self.largest[field])
-            errors[field] = residual / scale if residual else 0.0
-            if not isfinite(errors[field]):
+            errors[field] = residual / self._scales[field] if residual > ROUND_OFF * self.largest[field] else 0.0
+            if not isfinite(residual):
                 raise ConvergenceError(
                     f"the {field} residual is not finite after {len(self.history)} iterations; try a smaller step"
                 )

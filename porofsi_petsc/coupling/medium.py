@@ -44,9 +44,9 @@ class PorousMedium:
         raise self.convergence.failure(t, step, self.advice)
 
     def accept(self):
-        """Make the trial states the accepted ones."""
-        self.fluid.accept()
+        """Make the trial states the accepted ones; raise ConvergenceError, changing nothing, when the end is not admissible."""
         self.solid.accept()
+        self.fluid.accept()
 
     def reset(self):
         """Forget the trial states and ask for new tangents."""

@@ -50,8 +50,9 @@ class Domain:
         return field[self.cells]
 
     def scatter_add(self, element_vectors):
-        """Return the sum of element vectors (E, A, k) over the owned nodes, (n_owned, k)."""
-        return self._scatter @ element_vectors.reshape(self.n_cells * self.cells.shape[1], -1)
+        """Return the sum of element vectors (E, A, k) or (E, A) over the owned nodes, (n_owned, k)."""
+        components = 1 if element_vectors.ndim == 2 else element_vectors.shape[2]
+        return self._scatter @ element_vectors.reshape(self.n_cells * self.cells.shape[1], components)
 
     def chunks(self, doubles_per_cell):
         """Yield (region name, slice): runs of elements of one region whose work arrays stay in cache."""
@@ -77,7 +78,7 @@ class Domain:
 
     def require(self, admissible, what):
         """Raise ConvergenceError on all ranks unless the condition, (E, ...) bool, holds in every element (collective)."""
-        bad = np.flatnonzero(~admissible.reshape(self.n_cells, -1).all(axis=1))
+        bad = np.flatnonzero(~admissible.all(axis=tuple(range(1, admissible.ndim))))
         centre = self.mesh.X[self.cells[bad[0]]].mean(axis=0).tolist() if len(bad) else None
         found = [place for place in self.mesh.comm.allgather(centre) if place]
         if found:

@@ -23,7 +23,7 @@ def test_gradient(G, dV, Y):
         return G[:, 0] @ np.swapaxes(weighted.sum(axis=1), 1, 2)
     E, Q, A, d = G.shape
     left = np.ascontiguousarray(np.moveaxis(G, 1, 2)).reshape(E, A, Q * d)
-    right = np.ascontiguousarray(np.moveaxis(weighted, 2, 3)).reshape(E, Q * d, -1)
+    right = np.ascontiguousarray(np.moveaxis(weighted, 2, 3)).reshape(E, Q * d, Y.shape[2])
     return left @ right
 
 

@@ -36,7 +36,7 @@ def _require_names(names, available, where, kind):
 def require_file(path):
     """Raise InputError unless the path is a file with content."""
     if not path.is_file():
-        raise InputError(f"{path}: no such mesh file; check mesh.file in the scene")
+        raise InputError(f"{path}: no such mesh file; check mesh.path in the scene")
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the mesh file is empty (0 bytes); write the mesh again")
 

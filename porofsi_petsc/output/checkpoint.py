@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 
 import h5py
+import numpy as np
+from mpi4py import MPI
 
 from ..errors import InputError
 from .files import keep_names, on_root, temporary_name, to_json
@@ -14,6 +16,7 @@ FORMAT = "porofsi checkpoint"
 FORMAT_VERSION = 1
 NAME = "checkpoint.h5"
 PREVIOUS = "checkpoint.previous.h5"
+REQUIRED = {"format_version", "mesh_hash", "ranks", "nodes"}
 
 
 def write_checkpoint(directory, mesh, header, arrays):
@@ -53,6 +56,9 @@ def read_checkpoint(path, mesh):
     header = on_root(mesh.comm, _read_header_of_mesh, path, mesh.hash)
     start, stop = mesh.order.bounds[mesh.comm.rank], mesh.order.bounds[mesh.comm.rank + 1]
     arrays = {name: mesh.order.from_slab(read_slab(path, name, start, stop)) for name in header["arrays"]}
+    finite = all(np.isfinite(array).all() for array in arrays.values())
+    if not mesh.comm.allreduce(finite, op=MPI.LAND):
+        raise InputError(_damaged(path))
     return header, arrays
 
 
@@ -71,8 +77,15 @@ def read_header(path):
         raise InputError(_damaged(path)) from failure
     if kind != FORMAT:
         raise InputError(f"{path}: an HDF5 file, but not a checkpoint written by porofsi; give the checkpoint.h5 of a run")
-    header = json.loads(text)
-    if header["format_version"] > FORMAT_VERSION:
+    try:
+        header = json.loads(text)
+        version = int(header["format_version"])
+        complete = REQUIRED <= set(header)
+    except (TypeError, ValueError, KeyError) as failure:
+        raise InputError(_damaged(path)) from failure
+    if not complete:
+        raise InputError(_damaged(path))
+    if version > FORMAT_VERSION:
         raise InputError(
             f"{path}: received checkpoint format {header['format_version']}, expected at most {FORMAT_VERSION}; "
             "use the newer porofsi that wrote it"
@@ -82,6 +95,8 @@ def read_header(path):
 
 def _read_header_of_mesh(path, mesh_hash):
     header = read_header(path)
+    if any(shape[0] != header["nodes"] for shape in header["arrays"].values()):
+        raise InputError(_damaged(path))
     if header["mesh_hash"] != mesh_hash:
         raise InputError(
             f"{path}: belongs to another mesh: received mesh hash {header['mesh_hash']}, expected {mesh_hash} of the scene; "

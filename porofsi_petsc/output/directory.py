@@ -25,7 +25,8 @@ WRITTEN = (
 def prepare(directory, force, restart, comm):
     """Create the directory, or make sure that an existing one may be written to; collective.
 
-    restart : true keeps what is there; else force removes the files of an earlier run (names in WRITTEN, and their .tmp).
+    restart : a checkpoint of this directory keeps what is there, one from elsewhere does not excuse a directory with files;
+    force removes the files of an earlier run (names in WRITTEN, and their .tmp).
     Raises InputError when the directory is not empty and neither is given, is a file, or cannot be written.
     """
     on_root(comm, _prepare, Path(directory), force, restart)
@@ -41,7 +42,8 @@ def _prepare(directory, force, restart):
         raise InputError(f"{directory}: could not be created ({reason}); give another directory with --output") from failure
     if not os.access(directory, os.R_OK | os.W_OK | os.X_OK):
         raise InputError(f"{directory}: not writable; change its permissions or give another directory with --output")
-    if restart or not any(directory.iterdir()):
+    continued = restart is not None and Path(restart).resolve().parent == directory.resolve()
+    if continued or not any(directory.iterdir()):
         return
     if not force:
         raise InputError(

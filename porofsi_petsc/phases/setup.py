@@ -39,9 +39,11 @@ class PhaseSetup:
     def new_matrix(self, prefix, components, mask):
         """Return the empty matrix of a nodal field with m components, prescribed where mask (n_local, m) is true."""
         mesh, cells = self.domain.mesh, self.domain.cells
-        dofs = (mesh.numbering[cells][..., None] * components + np.arange(components)).reshape(len(cells), -1)
+        dofs = (mesh.numbering[cells][..., None] * components + np.arange(components)).reshape(
+            len(cells), components * cells.shape[1]
+        )
         owned = np.repeat(cells < mesh.n_owned, components, axis=1)
-        constrained = mask[cells].reshape(len(cells), -1)
+        constrained = mask[cells].reshape(dofs.shape)
         return CooMatrix(mesh.comm, mesh.n_owned * components, dofs, owned, constrained, components, prefix)
 
 

@@ -30,7 +30,7 @@ class SolidPhase:
         self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._rule = TangentRule(self.is_linear)
-        self._matrix = self._solver = self._configuration = self._own = None
+        self._matrix = self._solver = self._configuration = self._own = self._accepted_configuration = None
         self._reference = Configuration.at(self.domain, self.mesh.X, setup.with_hessian)
         self.assemblies = 0
 
@@ -41,7 +41,7 @@ class SolidPhase:
 
     def set_initial(self, displacement, velocity):
         """Set displacement and velocity at the start, both (n_local, d)."""
-        self.u[:], self.v[:] = displacement, velocity
+        self.u[:], self.v[:], self._accepted_configuration = displacement, velocity, None
         self._setup.dirichlet.apply(self.u, 0.0)
         self.reset()
 
@@ -84,7 +84,9 @@ class SolidPhase:
 
     def accepted_skeleton(self):
         """Return the same for the accepted state."""
-        return self.skeleton_at(self.u, self.v)
+        if self._accepted_configuration is None:
+            self._accepted_configuration = self._configuration_at(self.u)
+        return Skeleton(self._accepted_configuration, self.v, self.v, self.u, self._setup.moving_mesh)
 
     def _configuration_at(self, u):
         if not self._setup.moving_mesh:
@@ -164,7 +166,7 @@ class SolidPhase:
         """Renew the lagged tangent where its rule asks for it; called at the start of a step with the last step's iterations."""
         if self._rule.due(rates, iterations):
             self._rule.store(rates, {"u": self.u})
-            self._assemble(self.u, self._configuration_at(self.u), rates)
+            self._assemble(self.u, self.accepted_skeleton().configuration, rates)
 
     def renew_tangent(self, rates):
         """Assemble the tangent at the trial state (full Newton)."""
@@ -244,7 +246,9 @@ class SolidPhase:
     # -- end of a step ----------------------------------------------------------------------------------------------------
 
     def accept(self):
-        """Make the trial state the accepted one."""
+        """Make the trial state the accepted one; raise ConvergenceError, changing nothing, when its end is not admissible."""
+        configuration = self._configuration_at(self._u1)
+        self._accepted_configuration = configuration
         self.last_acceleration = (self._v1 - self.v) / self.scheme.dt
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
 
@@ -265,6 +269,7 @@ class SolidPhase:
     def load_state(self, arrays, memory, rates):
         """Continue from `state` and `memory`; a tangent that fits the rates of the next step is made again where it was."""
         self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
+        self._accepted_configuration = None
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)
         if point is None or self._rule.rates != rates:

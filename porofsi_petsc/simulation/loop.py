@@ -4,7 +4,7 @@ import signal
 import time
 
 from ..clock import backward_euler, first_order, second_order
-from ..errors import ConvergenceError, LimitError, Stopped
+from ..errors import ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
@@ -127,8 +127,13 @@ class TimeLoop:
         self.clock = Clock(scene.time)
         self.iterations, self._options_checked = [], False
 
+    @property
+    def shared_errors(self):
+        """Return the errors that all ranks raise together: on one rank any InputError of an expression is among them."""
+        return COLLECTIVE if self._coupling.solid.mesh.comm.size > 1 else (*COLLECTIVE, InputError)
+
     def run(self, stop):
-        """Advance to the end; raises ConvergenceError, LimitError or Stopped, each after a checkpoint."""
+        """Advance to the end; raises an error of `shared_errors` after a checkpoint, others at once."""
         try:
             while not self.clock.finished:
                 self._advance(self.clock.next_target())
@@ -136,7 +141,7 @@ class TimeLoop:
                 if reason and not self.clock.finished:
                     where = f"t = {self.clock.t:g} s (step {self.clock.step})"
                     raise Stopped(f"stopped by {reason} at {where}; restart from {self._records.checkpoint_path}")
-        except COLLECTIVE:
+        except self.shared_errors:
             self._records.checkpoint(self.clock, self.iterations)
             raise
 
@@ -167,5 +172,6 @@ class TimeLoop:
             self._options_checked = True
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
-        self._measures.watch_neglected(clock.t, coupling.solid, coupling.fluid, coupling.residuals)
+        self._measures.watch_neglected(coupling.solid, coupling.fluid, coupling.residuals)
         self._records.after_step(clock, self.iterations)
+        self._measures.require_limits(clock.t)

@@ -99,8 +99,8 @@ class Measures:
 
     # -- neglected terms --------------------------------------------------------------------------------------------------
 
-    def watch_neglected(self, t, solid, fluid, residuals):
-        """Update the sizes of the neglected terms; raises LimitError when one passes its bound (collective)."""
+    def watch_neglected(self, solid, fluid, residuals):
+        """Update the sizes of the neglected terms (collective)."""
         found = {
             "strain": lambda: self._largest_strain(solid.u),
             "mesh_displacement": lambda: self._mesh_displacement(solid.u),
@@ -110,11 +110,16 @@ class Measures:
             "viscosity": lambda: self._brinkman_ratio(),
         }
         for omission in self._omissions:
-            size = self.sizes[omission.name] = max(self.sizes[omission.name], found[omission.name]())
+            self.sizes[omission.name] = max(self.sizes[omission.name], found[omission.name]())
+
+    def require_limits(self, t):
+        """Raise LimitError when a neglected term has passed its bound."""
+        for omission in self._omissions:
+            size = self.sizes[omission.name]
             if omission.bound is not None and size > omission.bound:
-                found_there = f"at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning})"
+                found = f"at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning})"
                 advice = f'model it, or set limits.{omission.name} to a larger bound or to "report"'
-                raise LimitError(f"[limits] {omission.name}: {found_there}; {advice}")
+                raise LimitError(f"[limits] {omission.name}: {found}; {advice}")
 
     def neglected(self):
         """Return name -> value, bound, meaning for the summary."""

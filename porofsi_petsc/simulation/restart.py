@@ -14,6 +14,13 @@ def resume(path, mesh, scene, text, loop, coupling, energy, measures):
     Raises InputError when the file is no checkpoint, belongs to another mesh or scene, or lies beyond the end time.
     """
     header, arrays = read_checkpoint(path, mesh)
+    try:
+        _load(path, header, arrays, scene, text, loop, coupling, energy, measures)
+    except (KeyError, TypeError) as missing:
+        raise InputError(f"{path}: damaged, its entry {missing} is missing or unreadable; use an earlier checkpoint") from missing
+
+
+def _load(path, header, arrays, scene, text, loop, coupling, energy, measures):
     _require_same_scene(path, parse_toml(header["scene"]), parse_toml(text))
     if header["time"] >= scene.time.end:
         received = f"the checkpoint is at t = {header['time']:g} s"

@@ -5,17 +5,19 @@ from mpi4py import MPI
 from ..config import scene_to_toml
 from ..errors import ExpectationError
 from ..log import logger, start_log, stop_log
+from ..output.checkpoint import read_header
 from ..output.directory import prepare
 from ..output.expectations import evaluate, failed
 from ..output.figures import make_figures
 from ..output.files import on_root, write_text
 from ..output.history import read_history
+from ..output.probes import Probes
 from ..output.progress import Progress
 from ..output.summary import write_summary
 from ..stopwatch import Stopwatch
 from .build import build_coupling, local_mesh, porous_materials
 from .energy import Energy
-from .loop import COLLECTIVE, StopRequest, TimeLoop
+from .loop import StopRequest, TimeLoop
 from .measures import Measures
 from .records import Records
 from .report import summarize
@@ -29,11 +31,13 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError; whatever was accepted before is on disk.
     """
     comm, stopwatch = MPI.COMM_WORLD, Stopwatch()
+    if restart is not None:
+        on_root(comm, read_header, restart)
     with stopwatch.measure("setup"):
         mesh = local_mesh(scene, comm)
         coupling = build_coupling(scene, mesh, stopwatch)
         measures = Measures(scene, coupling.solid.domain, porous_materials(scene, mesh))
-    prepare(directory, force, restart is not None, comm)
+    prepare(directory, force, restart, comm)
     start_log(directory, comm.rank, quiet)
     try:
         summary = _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, max_time)
@@ -60,17 +64,19 @@ class _Run:
         text = scene_to_toml(self.scene)
         self._start(restart, text)
         on_root(self.comm, write_text, self.directory / "scene.toml", text)
-        stop = StopRequest(self.comm, max_time)
+        stop, summary = StopRequest(self.comm, max_time), None
         progress = Progress(self.scene.time.end, self.quiet, start_time=self.loop.clock.t, rank=self.comm.rank)
         try:
             self.records.progress = progress
             self.loop.run(stop)
-        except COLLECTIVE as error:
-            self._finish(progress, error.exit_code)
+            summary = self._finish(progress, 0)
+        except self.loop.shared_errors as error:
+            if summary is None:
+                self._finish(progress, error.exit_code)
             raise
         finally:
+            progress.close()
             stop.restore()
-        summary = self._finish(progress, 0)
         self._judge(summary)
         return summary
 
@@ -90,18 +96,23 @@ class _Run:
         """Close the files, write figures and summary; return the summary (collective)."""
         progress.close()
         self.records.close()
-        with self.stopwatch.measure("output"):
-            on_root(self.comm, make_figures, self.directory)
         expectations = on_root(self.comm, self._expectations, exit_code == 0)
         if exit_code == 0 and failed(expectations):
             exit_code = ExpectationError.exit_code
+        self._summarize(expectations, exit_code)  # a figure that cannot be drawn must not cost the numbers
+        with self.stopwatch.measure("output"):
+            on_root(self.comm, make_figures, self.directory)
+        summary = self._summarize(expectations, exit_code)
+        self._say(summary)
+        return summary
+
+    def _summarize(self, expectations, exit_code):
         files = on_root(
             self.comm, lambda: sorted(str(p.relative_to(self.directory)) for p in self.directory.rglob("*") if p.is_file())
         )
         parts = self.coupling, self.loop, self.energy, self.measures, self.stopwatch
         summary = summarize(self.scene, *parts, expectations, files, exit_code)
         on_root(self.comm, write_summary, self.directory, summary)
-        self._say(summary)
         return summary
 
     def _expectations(self, complete):
@@ -150,6 +161,7 @@ def check(scene):
     """Return a description of what a scene would solve; raises InputError as a run would (collective)."""
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     build_coupling(scene, mesh, Stopwatch())
+    Probes(mesh, [(probe.name, probe.at) for probe in scene.probe])
     tags = ", ".join(sorted(mesh.facets))
     unknowns = mesh.n_global * (2 * mesh.dim + 1)
     return (
