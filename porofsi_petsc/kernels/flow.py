@@ -3,7 +3,7 @@
 Momentum (w) and volume balance (q) over the current configuration, with c = v - v_m and w_rel = v - v_s:
 
     ∫ w·[ρ (a + c·∇v) + n ∇p + S w_rel - ρ b] + ∫ ∇w : 2 n μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ n ν_L div w (div v_s + n div w_rel)
-    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
+    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ χ c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
 
 r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - n μ (Δv + ∇ div v) is the full strong residual, n the fluid fraction, ρ = n ρ_fR.
 The pressure term is not integrated by parts, so that an impermeable surface, fixed or moving (w_rel·n = 0), is natural; a
@@ -27,7 +27,7 @@ class FlowElements:
     """Elements and coefficients of one chunk, frozen during an iteration.
 
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
-    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = c_v τ_u [m³ s/kg];
+    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = χ c_v τ_u [m³ s/kg];
     hessian (E, A, d, d) or None.
     """
 
@@ -136,7 +136,7 @@ def undrained_gradient(el):
 
 
 def undrained_residual(el, dp):
-    """Return ∫ c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
+    """Return ∫ χ c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
     G = undrained_gradient(el)
     gradient = _nodal_gradient(G, dp[..., None])
     return test_gradient(G, el.geometry.dV, el.tau_u[..., None, None] * gradient)[..., 0]

@@ -27,7 +27,7 @@ class StabilizationParameters:
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
             configuration, material = skeleton.configuration, setup.materials[region]
             self._momentum(chunk, material, configuration.J[chunk], configuration.geometry.G[chunk], c[chunk], dt)
-            self._undrained(chunk, material, rates)
+            self._undrained(chunk, material, configuration.J[chunk], rates)
 
     def _momentum(self, chunk, material, J, G, c, dt):
         setup, N, h = self._setup, self._setup.domain.mass.N, self._setup.domain.h[chunk]
@@ -40,7 +40,9 @@ class StabilizationParameters:
         if setup.convection and setup.lsic:
             self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
 
-    def _undrained(self, chunk, material, rates):
+    def _undrained(self, chunk, material, J, rates):
+        """Set χ c_v τ_u: the part χ of the fluid that the drag carries along needs it, the free part has PSPG."""
         rho = material.rho_s + (1 - material.n_s0) * material.rho_fR
         compliance = stabilization.undrained_tau(material.elastic.oedometer_modulus, self._setup.domain.h[chunk], rates.c_a, rho)
-        self.tau_u[chunk] = self._setup.undrained * rates.c_v * compliance[:, None]
+        chi = rates.dragged_fraction(material.drag(J), material.fluid_fraction(J) * material.rho_fR)
+        self.tau_u[chunk] = self._setup.undrained * rates.c_v * chi * compliance[:, None]
