@@ -169,27 +169,29 @@ def test_expectation_beyond_the_history_is_skipped():
 
 
 def test_directory_with_results_needs_force_or_restart(tmp_path):
-    prepare(tmp_path / "new" / "deep", False, False, COMM)
+    prepare(tmp_path / "new" / "deep", False, None, COMM)
     assert (tmp_path / "new" / "deep").is_dir()
     for name in ("history.csv", "notes.txt", "summary.json.tmp", "checkpoint.previous.h5"):
         (tmp_path / name).touch()
     with pytest.raises(InputError, match="--force .*--restart"):
-        prepare(tmp_path, False, False, COMM)
-    prepare(tmp_path, True, True, COMM)
+        prepare(tmp_path, False, None, COMM)
+    prepare(tmp_path, True, tmp_path / "checkpoint.h5", COMM)
     assert (tmp_path / "history.csv").exists()
-    prepare(tmp_path, True, False, COMM)
+    with pytest.raises(InputError, match="already holds files"):
+        prepare(tmp_path, False, tmp_path / "new" / "checkpoint.h5", COMM)  # of another run
+    prepare(tmp_path, True, None, COMM)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "notes.txt"]
 
 
 def test_directory_that_cannot_hold_results_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="is a file"):
-        prepare(tmp_path / "file", False, False, COMM)
+        prepare(tmp_path / "file", False, None, COMM)
     with pytest.raises(InputError, match="could not be created"):
-        prepare(tmp_path / "file" / "below", False, False, COMM)
+        prepare(tmp_path / "file" / "below", False, None, COMM)
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(InputError, match="not writable"):
-        prepare(tmp_path, False, False, COMM)
+        prepare(tmp_path, False, None, COMM)
 
 
 def test_progress_prints_few_lines_when_redirected(monkeypatch):

@@ -95,7 +95,7 @@ def test_every_rank_sees_an_error_of_rank_0(shared_path):
         Probes(local_mesh(0), [("A", [3.0, 0.0])])
     on_root(COMM, (shared_path / "file").touch)
     with pytest.raises(InputError, match="already holds files"):
-        prepare(shared_path, False, False, COMM)
+        prepare(shared_path, False, None, COMM)
 
 
 def test_history_is_written_once(shared_path):
