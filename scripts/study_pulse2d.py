@@ -276,6 +276,9 @@ Value of largest magnitude within 0.2 s, in parentheses its difference from the 
 
 {peaks}
 
+These rows and those of the energy date from before the undrained term got its weight χ and its static part; with them the
+shipped scene (T6, h, Δt) gives -1.2596 mm, 24.005 kPa and -7.6127 mm, at most 0.11 % away.
+
 ## pulse2d: energy
 
 In % of the external work at the end, per metre of thickness. The error is what is missing in the balance, over the largest
@@ -309,8 +312,9 @@ which no mesh here resolves. A checkerboard fills the block, so the next column 
 
 {coupling}
 
-More than 15 iterations in some step: {exceeded}. The undrained stabilization weighs the increment of the pressure with the
-larger of 1/(4 E_c/h² + c_a ρ) and 0.3 h²/(4 E_c). Without the second, which does not fade where Δt < h/c_P, the roughness
+More than 15 iterations in some step: {exceeded}.
+
+The undrained stabilization weighs the increment of the pressure with the larger of 1/(4 E_c/h² + c_a ρ) and 0.3 h²/(4 E_c). Without the second, which does not fade where Δt < h/c_P, the roughness
 below 1 m grew as the step shrank, to 0.46 (T3, 2 h, Δt/4), and a step took up to 20 iterations (T6).
 """
 
