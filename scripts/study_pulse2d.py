@@ -314,8 +314,9 @@ which no mesh here resolves. A checkerboard fills the block, so the next column 
 
 More than 15 iterations in some step: {exceeded}.
 
-The undrained stabilization weighs the increment of the pressure with the larger of 1/(4 E_c/h² + c_a ρ) and 0.3 h²/(4 E_c). Without the second, which does not fade where Δt < h/c_P, the roughness
-below 1 m grew as the step shrank, to 0.46 (T3, 2 h, Δt/4), and a step took up to 20 iterations (T6).
+The undrained stabilization weighs the increment of the pressure with the larger of 1/(4 E_c/h² + c_a ρ) and
+0.3 h²/(4 E_c). Without the second, which does not fade where Δt < h/c_P, the roughness below 1 m grew as the step shrank, to
+0.46 (T3, 2 h, Δt/4), and a step took up to 20 iterations (T6).
 """
 
 
