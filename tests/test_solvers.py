@@ -16,7 +16,7 @@ def clean_options():
 
 
 # coarse and fine mesh; largest number of FGMRES iterations at the tolerance that the drag asks for (1e-5 … 1e-13)
-MESHES = {(2, 1): (8, 32, 12), (2, 2): (4, 16, 18), (3, 1): (3, 6, 14), (3, 2): (2, 3, 24)}
+MESHES = {(2, 1): (8, 32, 12), (2, 2): (4, 16, 18), (3, 1): (3, 6, 14), (3, 2): (2, 3, 35)}
 PHYSICS = {
     "free fluid, small step": {"k": 1e-2, "dt": 1e-4},
     "free fluid, large step": {"k": 1e-2, "dt": 1e-1},
@@ -52,7 +52,8 @@ def test_gamg_takes_the_place_of_hypre(monkeypatch, dt):
 def test_coupling_takes_as_many_iterations_as_with_direct_solvers(k, dt):
     case = Case(n=12, k=k, dt=dt)
     direct, iterative = solve(case, direct=True), solve(case, direct=False)
-    assert np.abs(np.subtract(direct.coupling, iterative.coupling)).max() <= 1
+    # at k = 1e-12 m/s round-off of the drag leaves residuals of 1e-7 with a direct solver too, close to the tolerance of 1e-6
+    assert np.abs(np.subtract(direct.coupling, iterative.coupling)).max() <= (2 if k == 1e-12 else 1)
     assert direct.fluid == 1 < iterative.fluid
 
 
@@ -76,7 +77,7 @@ def test_multigrid_leaves_prescribed_displacements_alone():
 
 def test_tolerance_follows_the_drag_unless_the_user_sets_it():
     loose, tight = (solve(Case(n=4, k=k), direct=False, steps=1).tolerance for k in (1.0, 1e-9))
-    assert loose == 1e-5 and tight < 1e-7
+    assert loose == 1e-5 and tight < 1e-8
     assert solve(Case(n=4, k=1e-9), direct=False, petsc="-fluid_ksp_rtol 1e-9", steps=1).tolerance == 1e-9
 
 

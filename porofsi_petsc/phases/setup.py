@@ -123,7 +123,7 @@ class FluidSetup(PhaseSetup):
         for material in self.materials.values():
             stiffness = material.rho_s * rates.c_a + material.elastic.oedometer_modulus / self.extent**2
             worst = max(worst, float(material.drag(np.ones(1))[0]) * rates.c_v / stiffness)
-        return max(LOOSEST / max(1.0, LOOSEST * 1e3 * worst), TIGHTEST)
+        return max(LOOSEST / max(1.0, worst), TIGHTEST)
 
     def new_solver(self, matrix, components):
         """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner."""
