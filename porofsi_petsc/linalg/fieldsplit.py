@@ -14,7 +14,7 @@ diag(A)^-1 (`selfp`; not from row sums, which vanish at the vertices of quadrati
 Scaling: the residual mixes N and m³/s; at dt = 1e-4 s rtol was met with a pressure wrong by 70 %.  The KSP therefore scales the
 matrix symmetrically to a unit diagonal, and `pressure_pc` undoes it for the multigrid, which wants the constants.
 
-Iterations by mesh, step and permeability: docs/solvers.md.
+Bounds of the iterations by mesh, step and permeability: tests/test_solvers.py.
 """
 
 import numpy as np

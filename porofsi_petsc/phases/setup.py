@@ -117,7 +117,7 @@ class FluidSetup(PhaseSetup):
         """Return the relative tolerance that leaves the coupling iteration as it is with a direct solver (collective at first).
 
         A sweep starts with the drag S Δv_s of the skeleton's last change, N = S c_v/(ρ_s c_a + E_c/L²) times the force that
-        caused it; what the solver leaves of it acts on the skeleton.  Measured in docs/solvers.md.
+        caused it; what the solver leaves of it acts on the skeleton.  Tested in tests/test_solvers.py.
         """
         worst = 0.0
         for material in self.materials.values():
