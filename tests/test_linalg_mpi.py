@@ -128,7 +128,8 @@ def test_displacement_solvers_agree_with_the_dense_solution(name, defaults):
     block, A, solver = elastic_solver(f"solid_{name}_", defaults)
     x, expected = gathered(solver.solve(block.load())), np.linalg.solve(dense(A.mat), gathered(block.load()))
     assert np.linalg.norm(x - expected) < 1e-5 * np.linalg.norm(expected)  # rtol 1e-8 times the condition number's root
-    assert solver.iterations_max <= 40
+    # multigrid does not know the number of ranks; subdomains without a coarse space do (7, 30, 40, 48, 56 on 1, 2, 3, 5, 8 ranks)
+    assert solver.iterations_max <= (20 if name != "pyamg" else 10 + 20 * COMM.size**0.5)
     solver.destroy()
     A.destroy()
 
