@@ -24,6 +24,7 @@ class Domain:
         self.dim, self.n_local, self.n_owned = mesh.dim, mesh.n_local, mesh.n_owned
         permutation = np.argsort(mesh.cell_region, kind="stable")
         self.cells = np.ascontiguousarray(mesh.cells[permutation])
+        self.row_of_cell = np.argsort(permutation)  # number in the mesh -> row here
         self.owned = mesh.cell_owned[permutation]
         region = mesh.cell_region[permutation]
         starts = np.searchsorted(region, np.arange(len(mesh.regions) + 1))

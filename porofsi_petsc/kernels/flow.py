@@ -236,3 +236,12 @@ def add_skeleton_answer(K, el, mass_weight, laplacian_weight):
     K[:, :, p, :, s] -= B_m
     K[:, :, s, :, p] -= B_m
     K[:, :, s, :, s] += B_m + laplacian(G, laplacian_weight * dV)
+
+
+def add_free_surface(K, laplacian_weight, rows, terms):
+    """Add Nitsche's terms of a free impermeable surface to the auxiliary field s, see `surface.weak_zero`, in place.
+
+    laplacian_weight : (E, Q) α² c_v/(ρ_χ c_a) without dV; rows (F,) elements in K, terms (F, A, A) [m^(d-2)]
+    """
+    weight = laplacian_weight[rows].mean(axis=1)
+    np.add.at(K[:, :, -1, :, -1], rows, weight[:, None, None] * terms)

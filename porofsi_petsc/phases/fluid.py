@@ -225,7 +225,7 @@ class FluidPhase:
             elements = self._elements(region, chunk, skeleton.configuration)
             K = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, self.components)
             if self._setup.split == "corrected":
-                self._add_skeleton_answer(K, elements, self._setup.materials[region], rates)
+                self._add_skeleton_answer(K, elements, self._setup.materials[region], rates, chunk)
             yield chunk, K
 
     def trial_tangents(self, rates, skeleton):
@@ -239,12 +239,16 @@ class FluidPhase:
             elements = self._elements(region, chunk, skeleton.configuration)
             yield chunk, exchange.flow_by_skeleton(elements, _part(fields, chunk), rates.c_v, moving)
 
-    def _add_skeleton_answer(self, values, elements, material, rates):
+    def _add_skeleton_answer(self, values, elements, material, rates, chunk):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure gradient the skeleton feels."""
         chi = rates.dragged_fraction(elements.S, elements.rho)
         alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
         inertia = rates.moving_inertia(elements.S, material.rho_s, elements.rho) if self._setup.has_auxiliary else 1.0
         kernel.add_skeleton_answer(values, elements, alpha2_cv / material.elastic.oedometer_modulus, alpha2_cv / inertia)
+        if self._setup.has_auxiliary:
+            rows, terms = self._setup.free_surface
+            here = (rows >= chunk.start) & (rows < chunk.stop)
+            kernel.add_free_surface(values, alpha2_cv / inertia, rows[here] - chunk.start, terms[here])
 
     @property
     def solver(self):

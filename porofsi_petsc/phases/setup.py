@@ -67,15 +67,17 @@ class SolidSetup(PhaseSetup):
 class FluidSetup(PhaseSetup):
     """The fluid: essential velocity and pressure, seepage fluxes [m/s], walls without slip, stabilization.
 
-    no_slip : (n_local,) bool, nodes with v_f = v_s; traction_nodes : (n_local,) bool, nodes of surfaces whose normal
-    displacement is not prescribed, where the total stress and so the auxiliary field s is known
+    no_slip : (n_local,) bool, nodes with v_f = v_s; stress_nodes : (n_local,) bool, nodes where the pressure and the total
+    stress are prescribed and so the auxiliary field s is known; free_surface : elements (F,) and terms (F, A, A) of the
+    surfaces whose normal displacement is free while no pressure is prescribed, where s vanishes weakly
     """
 
     velocity: Dirichlet
     pressure: Dirichlet
     fluxes: tuple
     no_slip: np.ndarray
-    traction_nodes: np.ndarray
+    stress_nodes: np.ndarray
+    free_surface: tuple
     has_auxiliary: bool
     convection: bool
     pspg: bool
@@ -97,7 +99,7 @@ class FluidSetup(PhaseSetup):
     def mask(self):
         """Return where (v, p[, s]) is prescribed, (n_local, m) bool."""
         velocity = self.velocity.mask | self.no_slip[:, None]
-        auxiliary = [self.traction_nodes] if self.has_auxiliary else []
+        auxiliary = [self.stress_nodes] if self.has_auxiliary else []
         return np.column_stack([velocity, self.pressure.mask, *auxiliary])
 
     def velocity_free(self, owned):

@@ -6,7 +6,7 @@ from ..coupling.accelerators import ACCELERATORS
 from ..coupling.monolithic import MonolithicCoupling
 from ..coupling.porous import GUARDS, PorousCoupling
 from ..errors import InputError
-from ..fem.boundary import Dirichlet, SurfaceLoad, facet_normals
+from ..fem.boundary import Dirichlet, SurfaceLoad, facet_normals, weak_zero_on
 from ..fem.distribute import distribute
 from ..fem.domain import Domain
 from ..linalg.partition import partition
@@ -119,6 +119,7 @@ def fluid_setup(scene, domain, materials, stopwatch):
     """Return the `FluidSetup` of a scene."""
     mesh, model, stabilization = domain.mesh, scene.model, scene.stabilization
     pressures = [(tag, 0, b.pressure) for b in scene.boundary for tag in b.on if b.pressure is not None]
+    free, drained = _traction_tags(scene, mesh), {tag for tag, _, _ in pressures}
     fluxes = [SurfaceLoad(mesh, tag, {0: b.flux}) for b in scene.boundary for tag in b.on if b.flux is not None]
     inertia = model.solid_inertia or model.fluid_inertia
     return FluidSetup(
@@ -134,7 +135,8 @@ def fluid_setup(scene, domain, materials, stopwatch):
         pressure=Dirichlet(mesh, 1, pressures),
         fluxes=tuple(fluxes),
         no_slip=_nodes_of(mesh, [tag for b in scene.boundary if b.no_slip for tag in b.on]),
-        traction_nodes=_nodes_of(mesh, _traction_tags(scene, mesh)),
+        stress_nodes=_nodes_of(mesh, [tag for tag in free if tag in drained]),
+        free_surface=weak_zero_on(domain, [tag for tag in free if tag not in drained]),
         has_auxiliary=inertia and _split(scene) == "corrected",
         convection=model.convection,
         pspg=stabilization.pspg,
