@@ -38,7 +38,7 @@ def distorted(element, rng, count=3):
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_stress_tangent_is_the_derivative(name, law):
     rng = np.random.default_rng(1)
-    element, material = ELEMENTS[name], ELASTIC[law](lam=1.7, mu=0.8)
+    element, material = ELEMENTS[name], ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4)
     X = distorted(element, rng)
     rule = Rule.of(element, max(2 * (element.order - 1), 1))
     reference = geometry(rule, X)
@@ -52,7 +52,7 @@ def test_stress_tangent_is_the_derivative(name, law):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
     rng = np.random.default_rng(2)
-    material = ELASTIC[law](lam=1.7, mu=0.8)
+    material = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4)
     H = 0.1 * rng.standard_normal((4, dim, dim))
     difference = central_difference(lambda z: material.energy(z), H).reshape(H.shape)
     assert relative(material.stress(H), difference) < FD_TOLERANCE
@@ -73,7 +73,7 @@ def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
 def test_stress_of_a_tiny_strain_keeps_its_digits(dim, law):
     """At |H| = 1e-10 the laws agree with linear elasticity up to terms of order |H|; by way of F they would lose to 1e-6."""
     H = 1e-10 * np.random.default_rng(7).standard_normal((4, dim, dim))
-    material, linear = ELASTIC[law](lam=1.7, mu=0.8), ELASTIC["linear_elastic"](lam=1.7, mu=0.8)
+    material, linear = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4), ELASTIC["linear_elastic"](lam=1.7, mu=0.8, n_s0=0.4)
     assert relative(material.stress(H), linear.stress(H)) < 1e-8
 
 
@@ -181,3 +181,13 @@ def test_exchange_tangents_are_the_derivatives(name, convection, moving_mesh):
     unknowns = np.concatenate([z["v"], z["p"][..., None]], axis=-1)
     exact = exchange.solid_by_flow(el.N, el.geometry, el.n, el.S).reshape(len(y), y[0].size, -1)
     assert relative(exact, central_difference(solid_residual, unknowns)) < FD_TOLERANCE
+
+
+def test_ehlers_eipper_ends_at_the_compaction_point():
+    """Closer to J = n_s0 the stress grows without bound; beyond it there is none."""
+    law, n = ELASTIC["ehlers_eipper"](lam=1.7, mu=0.8, n_s0=0.4), 0.4
+    H = np.zeros((4, 2, 2))
+    H[:, 1, 1] = n * (1 + np.array([1e-2, 1e-4, 1e-6, -1e-6])) - 1
+    stress = law.stress(H)[:, 1, 1]
+    assert np.all(stress[1:3] < 50 * stress[:2]) and stress[2] < -1e5
+    assert np.isnan(stress[3])

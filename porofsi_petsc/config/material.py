@@ -12,7 +12,7 @@ EXPONENT_LAWS = ("markert", "ehlers_eipper")
 class Solid(Table):
     """The skeleton: law, Lamé parameters [Pa] (or young [Pa] and poisson) and true density rho_sR [kg/m^3]."""
 
-    law: Literal["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"]
+    law: Literal["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2", "xie_leo", "ehlers_eipper"]
     lambda_: Number | None = Field(None, alias="lambda")
     mu: Positive | None = None
     young: Positive | None = None

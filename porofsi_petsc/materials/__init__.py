@@ -1,6 +1,6 @@
 """Tables of the constitutive laws: registering a law is adding one line."""
 
-from .elastic import LinearElastic, NeoHookean, NeoHookeanJ2, SaintVenantKirchhoff
+from .elastic import EhlersEipper, LinearElastic, NeoHookean, NeoHookeanJ2, SaintVenantKirchhoff, XieLeo
 from .permeability import constant, ehlers_eipper, kozeny_carman, markert, xie_leo
 
 ELASTIC = {
@@ -8,6 +8,8 @@ ELASTIC = {
     "saint_venant_kirchhoff": SaintVenantKirchhoff,
     "neo_hookean": NeoHookean,
     "neo_hookean_j2": NeoHookeanJ2,
+    "xie_leo": XieLeo,
+    "ehlers_eipper": EhlersEipper,
 }
 
 PERMEABILITY = {

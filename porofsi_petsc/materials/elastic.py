@@ -13,12 +13,17 @@ from ..tensors import det_minus_one, inverse, scaled_identity, trace, transpose
 
 @dataclass(frozen=True)
 class ElasticLaw:
-    """Lamé parameters [Pa] that every law reduces to at small strain."""
+    """Lamé parameters [Pa] that every law reduces to at small strain.
+
+    n_s0 : initial solid fraction [-]; only a law with a compaction point, `compacts`, looks at it
+    """
 
     lam: float
     mu: float
+    n_s0: float = 0.0
 
     small_strain = False  # true: the stress is linear in F and the tangent constant
+    compacts = False  # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
 
     @property
     def oedometer_modulus(self):
@@ -107,6 +112,33 @@ class NeoHookeanJ2(_CompressibleNeoHookean):
 
     def _volumetric(self, J_1):
         return self.lam / 2 * J_1**2, self.lam * J_1 * (1 + J_1), self.lam * (2 * J_1 + 1) * (1 + J_1)
+
+
+class XieLeo(_CompressibleNeoHookean):
+    """U = E_c (J ln J - J + 1) - mu/2 (J^2 - 1) + mu ln J: in confined compression Psi = E_c (J ln J - J + 1), P = E_c ln J.
+
+    The law of the exact consolidation of Xie & Leo (2004), 1/m = E_c; for compression (U falls at J far above 1).
+    """
+
+    def _volumetric(self, J_1):
+        J, lnJ, E_c = 1 + J_1, np.log1p(J_1), self.oedometer_modulus
+        square = J_1 * (2 + J_1)
+        U = E_c * (J * lnJ - J_1) - self.mu / 2 * square + self.mu * lnJ
+        return U, E_c * J * lnJ - self.mu * square, E_c * J * (lnJ + 1) - 2 * self.mu * J**2
+
+
+class EhlersEipper(_CompressibleNeoHookean):
+    """J U' = lambda (1 - n)^2 [J/(1 - n) - J/(J - n)], n = n_s0 (Ehlers & Eipper 1999); infinite at the compaction point n."""
+
+    compacts = True
+
+    def _volumetric(self, J_1):
+        n, J = self.n_s0, 1 + J_1
+        open_fraction = 1 - n
+        pore = np.where(J > n, open_fraction + J_1, np.nan)
+        U = self.lam * open_fraction**2 * (J_1 / open_fraction - np.log(pore / open_fraction))
+        first = self.lam * open_fraction * J * J_1 / pore
+        return U, first, self.lam * J * (open_fraction + n * open_fraction**2 / pore**2)
 
 
 def deformation(H):

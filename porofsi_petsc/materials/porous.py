@@ -42,7 +42,7 @@ class PorousMaterial:
 
     def open_pores(self, J):
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when nothing depends on it."""
-        if self.variable_porosity or self.permeability in POROSITY_LAWS:
+        if self.variable_porosity or self.permeability in POROSITY_LAWS or self.elastic.compacts:
             return self.n_s0 < J
         return np.ones(J.shape, dtype=bool)
 

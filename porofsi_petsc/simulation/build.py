@@ -73,7 +73,7 @@ def porous_materials(scene, mesh):
     for entry in scene.material:
         for region in mesh.regions if entry.region == ("all",) else entry.region:
             materials[region] = PorousMaterial(
-                elastic=ELASTIC[entry.solid.law](entry.solid.lambda_, entry.solid.mu),
+                elastic=ELASTIC[entry.solid.law](entry.solid.lambda_, entry.solid.mu, 1 - entry.porosity),
                 n_s0=1 - entry.porosity,
                 rho_sR=entry.solid.density,
                 rho_fR=entry.fluid.density,
@@ -185,7 +185,7 @@ def build_coupling(scene, mesh, stopwatch):
         return MonolithicCoupling(*common, Mixture(solid, fluid, *setups))
 
     def accelerator(dot):
-        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split])
+        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
 
     return PorousCoupling(*common, accelerator, choice.tangent == "newton")
 

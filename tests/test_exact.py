@@ -1,0 +1,165 @@
+"""Exact solutions: published values, limits, and the equations they solve by differences."""
+
+import numpy as np
+import pytest
+
+from porofsi_petsc.exact import (
+    UNIAXIAL,
+    DynamicColumn,
+    Mandel,
+    Selfweight,
+    StripFooting,
+    Terzaghi,
+    XieLeo,
+    confined_ratio,
+)
+from porofsi_petsc.materials import ELASTIC
+
+LAM, MU, N_S = 8.375e6, 5.583e6, 0.67  # set A of the literature [Pa], [Pa], [-]
+E_C = LAM + 2 * MU
+COLUMN = DynamicColumn(10.0, LAM, MU, N_S, 2000.0, 1000.0, 1e-2, 1e4)
+DEPTHS = np.array([0.5, 1.0, 5.0, 10.0])
+
+
+@pytest.mark.parametrize("t, u", [(0.025, 6.06462e-5), (0.05, 2.27348e-4)])
+def test_the_harmonic_column_gives_the_published_values(t, u):
+    assert COLUMN.harmonic(3000.0, 20 * np.pi, np.zeros(1), t)[0] == pytest.approx(u, rel=1e-5)  # digits of the table
+
+
+@pytest.mark.parametrize("t, u", [(0.01, 7.05821e-5), (0.05, 1.688708e-4), (0.1, 2.405084e-4)])
+def test_the_bessel_form_gives_the_published_values(t, u):
+    assert COLUMN.step_surface(3000.0, t) == pytest.approx(u, rel=1e-6)  # digits of the table
+
+
+@pytest.mark.parametrize(
+    "t, u, p",
+    [
+        (0.01, 0.0, (1737.2, 2981.7, 2981.7, 2981.7)),
+        (0.05, 5.69730e-5, (834.15, 1576.92, 3000.00, 3000.00)),
+        (0.4, 3.45361e-4, (301.65, 598.57, 2384.18, 2936.34)),
+    ],
+)
+def test_the_modal_sum_of_the_step_gives_the_published_values(t, u, p):
+    found_u, found_p = COLUMN.step(3000.0, DEPTHS, t)
+    # digits of the table; ahead of the front, which is a jump, the sum rings by 1/modes of it (0.01 s)
+    assert found_p == pytest.approx(p, abs=1.0 if t == 0.01 else 0.01)
+    assert found_u[1] == pytest.approx(u, rel=1e-5, abs=1e-9)
+
+
+def test_the_step_of_low_permeability():
+    column = DynamicColumn(10.0, LAM, MU, N_S, 2000.0, 1000.0, 1e-5, 1e4)
+    assert [column.step_surface(3000.0, t) for t in (0.01, 0.1)] == pytest.approx([2.42144e-6, 7.65773e-6], rel=2e-6)  # digits
+    assert column.step(3000.0, DEPTHS, 0.1)[1] == pytest.approx(3000.0, rel=1e-5)
+
+
+def test_terzaghi_solves_the_diffusion_equation_and_settles_by_its_pressure():
+    layer, z, t, h = Terzaghi(1e4, 2.0, 1e7, 1e-2), np.linspace(0.1, 1.9, 7), 20.0, 1e-3
+    rate = (layer.pressure(z, t + h) - layer.pressure(z, t - h)) / (2 * h)
+    curvature = (layer.pressure(z + h, t) - 2 * layer.pressure(z, t) + layer.pressure(z - h, t)) / h**2
+    assert rate == pytest.approx(1e-2 * curvature, abs=1e-4 * np.abs(rate).max())  # differences of h = 1e-3, of 1e4 Pa
+    strain = (layer.settlement(z + h, t) - layer.settlement(z - h, t)) / (2 * h)
+    assert strain == pytest.approx(-(1e4 - layer.pressure(z, t)) / 1e7, rel=1e-5)  # h²
+    assert layer.settlement(0.0, 1e9) == pytest.approx(1e4 * 2.0 / 1e7, rel=1e-12)
+    assert layer.pressure(np.array([2.0]), 1e-3)[0] == pytest.approx(1e4, rel=1e-6)
+
+
+@pytest.mark.parametrize("t, settlement", [(0.1, 0.0502762), (0.5, 0.1124206), (1.0, 0.1588392), (2.0, 0.2202346)])
+def test_xie_and_leo_gives_the_published_values(t, settlement):
+    layer = XieLeo(7.5e6, 1.0, 19.541e6, 1e-4 * 19.541e6 / 1e4)
+    assert layer.settlement(0.0, t) == pytest.approx(settlement, rel=1e-6)  # digits of the table
+
+
+def test_xie_and_leo_is_terzaghi_at_small_strain():
+    large, small = XieLeo(1.0, 1.0, 1e7, 0.1), Terzaghi(1.0, 1.0, 1e7, 0.1)
+    z = np.linspace(0, 1, 5)
+    assert large.settlement(z, 2.0) == pytest.approx(small.settlement(z, 2.0), rel=1e-6)  # the strain of 1e-7
+    assert large.pressure(z, 2.0) == pytest.approx(small.pressure(z, 2.0), abs=1e-6)
+
+
+END_STATES = [
+    ("neo_hookean", (-0.278528, -0.133870, -0.048829, -0.024990)),
+    ("neo_hookean_j2", (-0.335436, -0.146354, -0.050410, -0.025398)),
+]
+
+
+@pytest.mark.parametrize("law, settlements", END_STATES)
+def test_end_states_are_the_published_ones(law, settlements):
+    found = [confined_ratio(law, q, LAM, MU, N_S) - 1 for q in (7.5e6, 3e6, 1e6, 0.5e6)]
+    assert found == pytest.approx(settlements, abs=6e-7)  # half of the last digit
+    assert confined_ratio("linear_elastic", 7.5e6, LAM, MU, N_S) - 1 == pytest.approx(-0.383808, abs=6e-7)
+
+
+@pytest.mark.parametrize("law", ELASTIC)
+def test_the_uniaxial_stress_is_that_of_the_law(law):
+    """Two independent formulas: the closed form of one dimension and the tensor law of the package."""
+    J = np.linspace(0.72, 1.2, 9)
+    H = np.zeros((len(J), 3, 3))
+    H[:, 2, 2] = J - 1
+    stress = ELASTIC[law](LAM, MU, N_S).stress(H)[:, 2, 2]
+    assert UNIAXIAL[law](J, LAM, MU, N_S) == pytest.approx(stress, rel=1e-12, abs=1e-8)  # round-off of 1e6
+
+
+def test_a_law_that_cannot_carry_the_load_is_refused():
+    with pytest.raises(ValueError):
+        confined_ratio("saint_venant_kirchhoff", 7.5e6, LAM, MU, N_S)
+    assert N_S < confined_ratio("ehlers_eipper", 1e12, LAM, MU, N_S) < N_S + 1e-5  # approached, never crossed
+
+
+def test_the_selfweight_column_settles_as_published():
+    weight = N_S * 1000.0 * 10.0
+    column = Selfweight(weight, 10.0, "neo_hookean", LAM, MU, N_S, 19.541)
+    assert column.end_settlement(0.0) == pytest.approx(0.0171071, abs=5e-8)  # half of the last digit
+    z = np.linspace(0, 10, 5)
+    assert column.pressure(z, 1e-4) == pytest.approx(weight * z, abs=weight * 0.05)  # the layer at the base, √(c_v t)
+    linear = Selfweight(weight, 10.0, "linear_elastic", LAM, MU, N_S, 19.541)
+    assert linear.end_settlement(0.0) == pytest.approx(0.0171434, abs=5e-8)
+    assert linear.settlement(z, 1e3) == pytest.approx(linear.end_settlement(z), rel=1e-9, abs=1e-15)
+
+
+def slab(nu):
+    """Return Mandel's slab of unit sizes."""
+    mu = 1.0
+    lam = 2 * mu * nu / (1 - 2 * nu)
+    return Mandel(1.0, 1.0, lam, mu, 1.0)
+
+
+def test_mandel_overshoots():
+    assert slab(0.2).pressure(np.zeros(1), 0.05)[0] == pytest.approx(0.54944, abs=5e-6)  # published, above F/2a = 0.5
+    x = np.linspace(0, 0.9, 5)
+    assert slab(0.2).pressure(x, 1e-5) == pytest.approx(0.5, rel=2e-3)  # p(x, 0+), but for √T
+
+
+@pytest.mark.parametrize("t", [0.02, 0.3])
+def test_mandel_keeps_its_force_and_its_balances(t):
+    slab_02 = slab(0.2)
+    x, h = np.linspace(0, 1, 2001), 1e-5
+    e = np.gradient(slab_02.displacement_x(x, t), x, edge_order=2) + slab_02.displacement_y(1.0, t)
+    sigma = slab_02.lam * e + 2 * slab_02.mu * slab_02.displacement_y(1.0, t) - slab_02.pressure(x, t)
+    force = ((sigma[1:] + sigma[:-1]) / 2 * np.diff(x)).sum()
+    assert force == pytest.approx(-1.0, rel=1e-5)  # the trapezoidal rule, dx²
+    horizontal = slab_02.lam * e + 2 * slab_02.mu * (e - slab_02.displacement_y(1.0, t)) - slab_02.pressure(x, t)
+    assert np.abs(horizontal[1:-1]).max() < 1e-4  # no traction at the sides, so none anywhere (dx²)
+    x = np.linspace(0.1, 0.9, 5)
+    rate = (slab_02.pressure(x, t + h) - slab_02.pressure(x, t - h)) / (2 * h)
+    curvature = (slab_02.pressure(x + 1e-3, t) - 2 * slab_02.pressure(x, t) + slab_02.pressure(x - 1e-3, t)) / 1e-6
+    p_rate_of_force = rate - curvature  # p_t = c p_xx + the rate of the stress, which depends on time only
+    assert np.ptp(p_rate_of_force) < 1e-4 * np.abs(rate).max()
+
+
+def test_the_strip_pressure_starts_as_the_undrained_one_and_obeys_the_load():
+    strip = StripFooting(2.0, 1.5, 1.0, 1.0, 1.0)
+    x, z = np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 3.0])
+    undrained = 2.0 / np.pi * (np.arctan((1.5 - x) / z) + np.arctan((1.5 + x) / z))
+    assert strip.pressure(x, z, 1e-4) == pytest.approx(undrained, rel=0.02)  # the skin at the surface, √T of it
+    assert strip.pressure(x, np.zeros(3), 0.1) == pytest.approx(0.0, abs=1e-6)  # digits of the inversion
+    assert np.abs(strip.pressure(x, z, 1e4)).max() < 1e-3
+
+
+def test_the_strip_settles_by_the_difference_of_its_elastic_states_and_by_its_outflow():
+    """Volume: the surface sinks by what has flown out through it, ∫ w dx = ∫∫ k/γ dp/dz; here by the transform of the load."""
+    strip = StripFooting(1.0, 1.0, 1.0, 1.0, 1.0)  # η = 3/2
+    x = np.linspace(-40, 40, 801)
+    sunk = [strip.settlement_increment(x, t).sum() * (x[1] - x[0]) for t in (0.3, 0.5)]
+    h, times = 1e-4, 0.3 + 0.2 * (np.arange(10) + 0.5) / 10
+    flux = [strip.pressure(x, np.full(x.shape, h), t).sum() * (x[1] - x[0]) / h / 3.0 for t in times]  # k/γ = c_v/E_c
+    assert np.diff(sunk)[0] == pytest.approx(np.mean(flux) * 0.2, rel=2e-3)  # what lies beyond x = 40, differences of h
