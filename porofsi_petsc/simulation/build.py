@@ -185,7 +185,7 @@ def build_coupling(scene, mesh, stopwatch):
         return MonolithicCoupling(*common, Mixture(solid, fluid, *setups))
 
     def accelerator(dot):
-        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
+        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split])
 
     return PorousCoupling(*common, accelerator, choice.tangent == "newton")
 
