@@ -45,10 +45,10 @@ def test_every_accelerator_converges_where_the_plain_iteration_does(name):
     # the error falls by 0.7 in each iteration: ln(1e-10)/ln(0.7) = 65, a few less because the first error is not in one mode
     assert 50 < plain <= 66
     count = iterations(ACCELERATORS[name](dot), F, exact, cap=200)
-    assert count <= {"none": plain, "constant": 2.6 * plain, "aitken": 0.8 * plain, "anderson": N + 4}[name]
+    assert count <= {"none": plain, "constant": 2.6 * plain, "aitken": 0.8 * plain}.get(name, N + 4)
 
 
-@pytest.mark.parametrize("name, most", [("aitken", 15), ("anderson", N + 4)])
+@pytest.mark.parametrize("name, most", [("aitken", 15), ("anderson", N + 4), ("iqn_ils", N + 4)])
 def test_a_mildly_expanding_map_needs_aitken_or_anderson(name, most):
     """One factor 1/(1 + 1.3) serves the whole spectrum between -1.5 and -1.1."""
     F, exact = linear_map(EXPANSION)
@@ -56,10 +56,79 @@ def test_a_mildly_expanding_map_needs_aitken_or_anderson(name, most):
     assert iterations(ACCELERATORS[name](dot), F, exact) <= most
 
 
-def test_anderson_ends_a_linear_problem_in_as_many_iterations_as_it_has_dimensions():
+@pytest.mark.parametrize("name", ["anderson", "iqn_ils"])
+def test_least_squares_end_a_linear_problem_in_as_many_iterations_as_it_has_dimensions(name):
     F, exact = linear_map(MIXED)
     assert iterations(ACCELERATORS["none"](dot), F, exact) == 100
-    assert iterations(ACCELERATORS["anderson"](dot), F, exact) <= N + 3  # Krylov: N + 1; the rest is the Gram matrix's round-off
+    assert iterations(ACCELERATORS[name](dot), F, exact) <= N + 3  # Krylov: N + 1; the rest is the Gram matrix's round-off
+
+
+@pytest.mark.parametrize("name", ["anderson", "iqn_ils"])
+def test_least_squares_converge_where_the_plain_iteration_triples_an_error(name):
+    F, exact = linear_map(np.array([-3.0, -2.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    assert iterations(ACCELERATORS[name](dot), F, exact) <= N + 4
+
+
+def nonlinear_map(x):
+    """Return F(x) of a map whose Jacobian at its fixed point 0 has the eigenvalues -3 … 0.6 and that bends by a tenth."""
+    return np.array([-3.0, -1.0, 0.1, 0.3, 0.4, 0.6]) * x + 0.1 * np.roll(x, 1) ** 2
+
+
+@pytest.mark.parametrize("name", ["anderson", "iqn_ils"])
+def test_least_squares_solve_a_bent_diverging_map(name):
+    x, accelerator = 0.5 * np.ones(6), ACCELERATORS[name](dot)
+    for _ in range(25):
+        x = accelerator.next(x, nonlinear_map(x))
+    assert np.abs(x).max() < TOLERANCE
+
+
+def moved(F, shift):
+    """Return the same map about a fixed point moved by the shift: the next time step of a linear problem."""
+    return lambda x: shift + F(x - shift)
+
+
+def test_quasi_newton_solves_the_next_steps_of_a_linear_problem_with_the_columns_of_the_first():
+    F, exact = linear_map(MIXED)
+    counts = {}
+    for reuse in (0, 1):
+        accelerator, shifts = ACCELERATORS["iqn_ils"](dot, reuse_steps=reuse), (0.0, *np.random.default_rng(3).random((3, N)))
+        counts[reuse] = []
+        for shift in shifts:
+            accelerator.begin_step()
+            counts[reuse].append(iterations(accelerator, moved(F, shift), exact + shift))
+    assert min(counts[0]) >= N
+    assert counts[1][0] == counts[0][0] and max(counts[1][1:]) <= 3  # one, and two more for the filtered part and round-off
+
+
+def test_quasi_newton_goes_on_from_its_columns_as_if_nothing_had_happened():
+    """A restart gives the new accelerator what `columns` returned; a step of its own afterwards is the same to the last digit."""
+    F, exact = linear_map(MIXED)
+    first = ACCELERATORS["iqn_ils"](dot, reuse_steps=2)
+    for shift in (0.0, 0.1, 0.2):
+        first.begin_step()
+        x = np.zeros(N)
+        for _ in range(3):
+            x = first.next(x, moved(F, shift)(x))
+    second, results = ACCELERATORS["iqn_ils"](dot, reuse_steps=2), []
+    second.load(first.columns())
+    for accelerator in (first, second):
+        accelerator.begin_step()
+        x = np.zeros(N)
+        for _ in range(3):
+            x = accelerator.next(x, moved(F, 0.3)(x))
+        results.append(x)
+    assert np.array_equal(*results)
+
+
+def test_quasi_newton_drops_the_columns_that_newer_ones_contain():
+    """Three steps of a map of rank one: the residuals change along one line, of which one column is enough."""
+    accelerator, direction = ACCELERATORS["iqn_ils"](dot, reuse_steps=3), np.array([1.0, 2.0, 2.0])
+    for _ in range(3):
+        accelerator.begin_step()
+        x = np.zeros(3)
+        for _ in range(3):
+            x = accelerator.next(x, direction * (1 - direction @ x))
+    assert sum(map(len, accelerator.columns())) == 1
 
 
 @pytest.mark.parametrize("omega", [0.3, 0.5, 1.0])
@@ -71,7 +140,7 @@ def test_constant_relaxation_has_the_rate_of_its_factor(omega):
     assert np.allclose(x, (1 - omega * (1 - eigenvalue)) ** 5, rtol=1e-13, atol=0)  # round-off of five products
 
 
-@pytest.mark.parametrize("name", ["aitken", "anderson"])
+@pytest.mark.parametrize("name", ["aitken", "anderson", "iqn_ils"])
 def test_a_scalar_equation_is_solved_by_secants(name):
     """x = cos x: the plain iteration gains a factor 0.674 per step, a secant squares the error and more."""
     exact = np.array([0.7390851332151607])

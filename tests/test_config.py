@@ -176,7 +176,9 @@ WRONG = [
     ("limits.strain=no", "[limits.strain]: received 'no', expected a positive number or 'report'"),
     ("output.fields_every=0", "[output.fields_every]: received 0, expected a number >= 1"),
     ("output.fields_every=1.5", "[output.fields_every]: received 1.5, expected a whole number"),
-    ("coupling.accelerator=atken", "expected one of aitken, none, constant, anderson"),
+    ("coupling.mass_scaling=optimal", "[coupling.mass_scaling]: received 'optimal' with split = 'corrected'"),
+    ("coupling={split='plain', mass_scaling=0}", "[coupling.mass_scaling]: received 0, expected a positive number or 'optimal'"),
+    ("coupling.accelerator=atken", "expected one of aitken, none, constant, anderson, iqn_ils, auto"),
     # mesh
     ("mesh.kind=sphere", "[mesh.kind]: received 'sphere', expected one of rectangle, box, file"),
     ("mesh={x=1}", "[mesh.kind]: received nothing, expected this key"),

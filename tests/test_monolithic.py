@@ -36,7 +36,7 @@ def histories(overrides, directory):
 
     common = [*overrides, f"coupling.tolerance={TOLERANCE}", "coupling.max_iterations=100"]
     results = []
-    for scheme in ("partitioned", "monolithic"):
+    for scheme in ("partitioned", "quasi_direct"):
         scene = load_scene("pulse2d", [*common, f"coupling.scheme={scheme}", "expect=[]", "figures.times=[]"])
         run(scene, directory / scheme, quiet=True)
         results.append(read_history(directory / scheme / "history.csv"))

@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 from porofsi_petsc.config import conditions, geometry, load_scene, material, schema, sections
-from porofsi_petsc.config.types import Formula, Limit, Tags, Vector
+from porofsi_petsc.config.types import Formula, Limit, Scaling, Tags, Vector
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "scene.md"
 TABLES = {
@@ -39,7 +39,12 @@ TABLES = {
     "[figures]": sections.Figures,
     "[[expect]]": sections.Expect,
 }
-SPECIAL = {Formula: "formula", Limit: 'positive number or "report"', Tags: "text or list"}
+SPECIAL = {
+    Formula: "formula",
+    Limit: 'positive number or "report"',
+    Scaling: 'positive number or "optimal"',
+    Tags: "text or list",
+}
 TEXTS = {"title", "description"}
 PLAIN = {float: "number", int: "integer", str: "text", bool: "true or false"}
 

@@ -66,6 +66,7 @@ class Scene(Table):
         self._check_time_scheme()
         self._check_probes()
         self._check_expectations()
+        self._check_mass_scaling()
         return self
 
     def _check_time_scheme(self):
@@ -76,6 +77,11 @@ class Scene(Table):
     def _check_probes(self):
         names = [probe.name for probe in self.probe]
         for i, probe in enumerate(self.probe):
+    def _check_mass_scaling(self):
+        if self.coupling.mass_scaling is not None and not self.model.solid_inertia:
+            received = f"received {self.coupling.mass_scaling!r} with model.solid_inertia = false"
+            raise wrong(f"{received}, expected a skeleton with a mass to scale; leave it out", "coupling.mass_scaling")
+
             if probe.name in names[:i]:
                 text = f"received '{probe.name}', the name of probe.{names.index(probe.name)}, expected another"
                 raise wrong(text, f"probe.{i}.name")

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, Strict, model_validator
 
-from .types import Count, Flag, Limit, Name, Number, Positive, Table, Text, list_of, wrong
+from .types import Count, Flag, Limit, Name, Number, Positive, Scaling, Table, Text, list_of, wrong
 
 QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
 
@@ -64,15 +64,25 @@ class Stabilization(Table):
 class Coupling(Table):
     """The partitioned iteration: split, accelerator and its factor, tolerance on the true residuals, and what ends it."""
 
-    scheme: Literal["partitioned", "monolithic"] = "partitioned"
+    scheme: Literal["partitioned", "quasi_direct", "direct"] = "partitioned"
     split: Literal["corrected", "plain"] = "corrected"
-    accelerator: Literal["aitken", "none", "constant", "anderson"] = "aitken"
+    accelerator: Literal["aitken", "none", "constant", "anderson", "iqn_ils", "auto"] = "aitken"
+    reuse_steps: Annotated[int, Strict(), Field(ge=0)] = 4
+    mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
     tolerance: Annotated[Positive, Field(lt=1)] = 1e-6
     max_iterations: Count = 60
     tangent: Literal["lagged", "newton"] = "lagged"
     on_failure: Literal["stop", "cut_step"] = "stop"
     max_cuts: Count = 4
+
+    @model_validator(mode="after")
+    def _scaled_where_plain(self):
+        if self.mass_scaling is not None and (self.split, self.scheme) != ("plain", "partitioned"):
+            received = f"received {self.mass_scaling!r} with split = '{self.split}', scheme = '{self.scheme}'"
+            text = "expected split = 'plain', scheme = 'partitioned': other tangents have their own corrections; leave it out"
+            raise wrong(f"{received}, {text}", "mass_scaling")
+        return self
 
 
 class Petsc(Table):

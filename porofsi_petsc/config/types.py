@@ -72,10 +72,15 @@ def _expression(value, info: ValidationInfo):
         raise wrong(str(error)) from None
 
 
-def _limit(value):
-    if value == "report" or (isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < float("inf")):
-        return value if value == "report" else float(value)
-    raise wrong(f"received {value!r}, expected a positive number or 'report'")
+def _positive_or(word):
+    """Return the check of a positive number or one word."""
+
+    def check(value):
+        if value == word or (isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < float("inf")):
+            return value if value == word else float(value)
+        raise wrong(f"received {value!r}, expected a positive number or '{word}'")
+
+    return check
 
 
 def list_of(kind, shortest=0, longest=None):
@@ -99,7 +104,8 @@ Name = Annotated[str, Strict(), Field(pattern=r"^[A-Za-z_][A-Za-z0-9_\-]*$")]
 Tag = Annotated[str, Strict(), Field(min_length=1)]
 Tags = Annotated[list_of(Tag, shortest=1), BeforeValidator(_one_or_many), AfterValidator(_distinct)]
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
-Limit = Annotated[Any, PlainValidator(_limit)]
+Limit = Annotated[Any, PlainValidator(_positive_or("report"))]
+Scaling = Annotated[Any, PlainValidator(_positive_or("optimal"))]
 Formula = Annotated[Expression, PlainValidator(_expression), PlainSerializer(lambda expression: expression.source)]
 
 

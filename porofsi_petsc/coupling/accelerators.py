@@ -1,20 +1,35 @@
 """Accelerators of a fixed-point iteration x <- F(x): each sees vectors only and returns the next iterate.
 
-A vector is distributed, (n,) on every rank; `dot(a, b)` is the global inner product.
+A vector is distributed, an array of any shape on every rank; `dot(a, b)` is the global inner product, whose weights may change
+from step to step.  `restart` says that the map is another one, `begin_step` that its fixed point is.
 """
 
+import itertools
+
 import numpy as np
+from scipy.linalg import cho_solve, solve_triangular
 
 
 class Plain:
     """x_{k+1} = F(x_k)."""
 
-    def __init__(self, dot, relaxation=None, guard=None):
-        """Take the inner product; nothing is relaxed or guarded."""
+    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
+        """Take the inner product; nothing is relaxed, guarded or reused."""
         self._factor = 1.0
 
     def restart(self):
-        """Forget the history: a new step, or another map."""
+        """Forget the history."""
+
+    def begin_step(self):
+        """Forget the history of the step before, except for what is reused."""
+        self.restart()
+
+    def columns(self):
+        """Return the vectors that the next step reuses, for a checkpoint: pairs (Δr, ΔF), step by step, the newest last."""
+        return []
+
+    def load(self, steps):
+        """Continue with `columns` of a checkpoint."""
 
     def next(self, x, F):
         """Return the next iterate from x and F = F(x)."""
@@ -24,19 +39,19 @@ class Plain:
 class Constant(Plain):
     """x_{k+1} = x_k + ω (F(x_k) - x_k)."""
 
-    def __init__(self, dot, relaxation=None, guard=None):
+    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
         """Take the inner product and ω (default 0.5); a constant needs no guard."""
         self._factor = 0.5 if relaxation is None else relaxation
 
 
-class Aitken:
+class Aitken(Plain):
     """Aitken's vector extrapolation, ω_{k+1} = -ω_k r_k·(r_{k+1} - r_k)/|r_{k+1} - r_k|² (Küttler & Wall 2008).
 
     ω starts every step at its first value, so that a step does not depend on the ones before, and stays within the guard: one
     scalar cannot serve a whole spectrum, and a factor fitted to one error component magnifies the others.
     """
 
-    def __init__(self, dot, relaxation=None, guard=(0.05, 1.6)):
+    def __init__(self, dot, relaxation=None, guard=(0.05, 1.6), reuse_steps=0):
         """Take the inner product, the first ω (default 1) and the guard (smallest, largest ω)."""
         self._dot, self._first, self._guard = dot, 1.0 if relaxation is None else relaxation, guard
         self.restart()
@@ -58,7 +73,7 @@ class Aitken:
         return x + self._omega * residual
 
 
-class Anderson:
+class Anderson(Plain):
     """Anderson mixing (Walker & Ni 2011): F minus the combination of past differences that minimizes the residual.
 
     x_{k+1} = F_k - Σ_j γ_j ΔF_j, γ = argmin |r_k - Σ_j γ_j Δr_j|, over the last DEPTH differences; the least squares are solved
@@ -67,7 +82,7 @@ class Anderson:
 
     DEPTH, CUTOFF = 12, 1e-12
 
-    def __init__(self, dot, relaxation=None, guard=None):
+    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
         """Take the inner product and the factor of the first iteration (default 1); the least squares need no guard."""
         self._dot, self._first = dot, 1.0 if relaxation is None else relaxation
         self.restart()
@@ -93,4 +108,89 @@ class Anderson:
         return F - sum((g * change for g, (_, change) in zip(gamma, self._changes, strict=True)), np.zeros_like(F))
 
 
-ACCELERATORS = {"none": Plain, "constant": Constant, "aitken": Aitken, "anderson": Anderson}
+class QuasiNewton(Plain):
+    """IQN-ILS: Newton's step with the inverse Jacobian of a least-squares model (Degroote, Bathe & Vierendeels 2009).
+
+    x_{k+1} = F_k + Σ_j c_j ΔF_j, c = argmin |r_k + Σ_j c_j Δr_j|, over the differences of this and the last `reuse_steps` steps.
+    Without reuse these are Anderson's iterates.  What differs: columns survive a step, as long as the map does; and a column of
+    which the newer ones leave less than FILTER is dropped for good (the QR2 filter of Haelterman et al. 2016), where Anderson
+    drops the oldest and cuts small singular values.  The triangular factor is that of the Gram matrix by Cholesky: what the
+    filter keeps is independent enough for it, and a new column costs one inner product with each other instead of a new QR.
+    Without any column, in the first step, x is relaxed.
+    """
+
+    # The newer columns know the map better, and what is left of a nearly dependent older one is mostly its curvature and the
+    # tolerance of the sub-solves; 1e-2 as in the source.
+    FILTER = 1e-2
+    COLUMNS = 40  # at most; more cost more inner products than the sweeps they save
+
+    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
+        """Take the inner product, the factor of the first iteration (default 1) and the number of steps to reuse."""
+        self._dot, self._first, self._reused = dot, 1.0 if relaxation is None else relaxation, reuse_steps
+        self.restart()
+
+    def restart(self):
+        """Forget the history."""
+        self.load([])
+
+    def begin_step(self):
+        """Keep the columns of the last `reuse_steps` steps."""
+        self.load(self.columns())
+
+    def columns(self):
+        """Return the columns (Δr, ΔF) of the last `reuse_steps` steps, step by step, for a checkpoint."""
+        kept = [step for step in self._steps if step]
+        return kept[max(0, len(kept) - self._reused) :]
+
+    def load(self, steps):
+        """Start a step with the `columns` of the steps before."""
+        self._steps, self._last, self._gram = [*steps, []], None, None
+
+    def next(self, x, F):
+        """Return the next iterate from x and F = F(x)."""
+        residual = F - x
+        if self._gram is None:  # the weights of the inner product are those of this step
+            changes = [change for step in self._steps for change, _ in step]
+            lower = np.array([[self._dot(a, b) if j <= i else 0.0 for j, b in enumerate(changes)] for i, a in enumerate(changes)])
+            lower = lower.reshape(2 * (len(changes),))
+            self._gram = lower + np.tril(lower, -1).T
+        if self._last is not None:
+            self._append(residual - self._last[0], F - self._last[1])
+        self._last = residual, F
+        factor = self._filter()
+        pairs = [pair for step in reversed(self._steps) for pair in reversed(step)]
+        if not pairs:
+            return x + self._first * residual
+        right = [-self._dot(change, residual) for change, _ in pairs]
+        weights = cho_solve((factor, True), right)
+        return F + sum(weight * image for weight, (_, image) in zip(weights, pairs, strict=True))
+
+    def _append(self, change, image):
+        """Add a column of this step and its inner products with all."""
+        self._steps[-1].append((change, image))
+        products = [self._dot(change, other) for step in self._steps for other, _ in step]
+        self._gram = np.pad(self._gram, ((0, 1), (0, 1)))
+        self._gram[-1, :] = self._gram[:, -1] = products
+
+    def _filter(self):
+        """Drop the columns that depend on newer ones; return the Cholesky factor of the others, newest first, (n, n)."""
+        kept, factor = [], np.zeros((len(self._gram),) * 2)
+        for j in reversed(range(len(self._gram))):
+            n = len(kept)
+            row = solve_triangular(factor[:n, :n], self._gram[kept, j], lower=True) if n else np.zeros(0)
+            rest = self._gram[j, j] - row @ row
+            if n < self.COLUMNS and rest > self.FILTER**2 * self._gram[j, j]:
+                factor[n, :n], factor[n, n] = row, np.sqrt(rest)
+                kept.append(j)
+        self._keep(sorted(kept))
+        return factor[: len(kept), : len(kept)]
+
+    def _keep(self, kept):
+        """Drop all columns but the numbered ones, counted from the oldest."""
+        self._gram = self._gram[np.ix_(kept, kept)]
+        number = itertools.count()
+        self._steps = [[pair for pair in step if next(number) in kept] for step in self._steps]
+
+
+ACCELERATORS = {"none": Plain, "constant": Constant, "aitken": Aitken, "anderson": Anderson, "iqn_ils": QuasiNewton}
+ACCELERATORS["auto"] = QuasiNewton  # the fewest sweeps in every scene measured, docs/solvers.md

@@ -1,5 +1,7 @@
 """A saturated porous medium: skeleton and fluid on coincident meshes, whatever solves their common step."""
 
+import collections
+
 import numpy as np
 
 from .convergence import Convergence
@@ -87,7 +89,7 @@ class PorousMedium:
 
     def load_state(self, arrays, memory, schemes, rates):
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
-        parts = {name: {} for name in ("solid", "fluid")}
+        parts = collections.defaultdict(dict)
         for key, array in arrays.items():
             name, _, field = key.partition(".")
             parts[name][field] = array

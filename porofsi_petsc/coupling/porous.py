@@ -1,5 +1,7 @@
 """The saturated porous medium: block Gauss-Seidel over fluid and skeleton on coincident meshes."""
 
+import itertools
+
 import numpy as np
 
 from .medium import PorousMedium
@@ -14,9 +16,9 @@ PATIENCE = 3  # sweeps between two renewals of lagged tangents within a step
 class PorousCoupling(PorousMedium):
     """Fluid with frozen skeleton, then skeleton with new pressure and drag, one Newton step each, to true residuals of zero.
 
-    The accelerated vector holds all that the next sweep remembers, v_f, p and u, each scaled by the norm of an increment.  The
-    first sweep of a step is taken as it is: it only brings the fluid to the predicted skeleton (measured: accelerating it
-    doubles the iterations).
+    The accelerated vector holds all that the next sweep remembers, v_f, p and u of every node, (n_owned, 2 d + 1); its inner
+    product divides each of them by the norm of an increment.  The first sweep of a step is taken as it is: it only brings the
+    fluid to the predicted skeleton (measured: accelerating it doubles the iterations).
     """
 
     advice = 'try a smaller step, coupling.accelerator = "anderson" or more coupling.max_iterations'
@@ -24,12 +26,12 @@ class PorousCoupling(PorousMedium):
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, accelerator, full_newton):
         """Take the medium, an accelerator made with `dot`, and whether tangents are new in every sweep or lagged."""
         super().__init__(solid, fluid, comm, tolerance, max_iterations)
-        self._accelerator, self._full_newton = accelerator(self.dot), full_newton
+        self._accelerator, self._full_newton = accelerator(self._weighted_dot), full_newton
         self._linear = solid.is_linear and fluid.is_linear
 
     def _begin(self, rates, accepted):
-        self._accelerator.restart()
-        self._scale, self._renewed_at = None, 0
+        self._accelerator.begin_step()
+        self._weights, self._renewed_at = None, 0
         if not self._full_newton:
             self.fluid.prepare_tangent(rates, self.iterations, accepted)
             self.solid.prepare_tangent(rates, self.iterations)
@@ -51,32 +53,61 @@ class PorousCoupling(PorousMedium):
         """Do one Gauss-Seidel sweep and, from the second on, replace the trial state by the accelerated one."""
         self._renew_tangents(iteration, rates)
         fluid, solid = self.fluid, self.solid
-        before = fluid.unknowns, solid.unknowns
+        before = self._unknowns
         fluid.correct(fluid_residuals)
-        solid.correct(solid.residual(fluid.flow()))
+        left = fluid.residual(solid.skeleton())[0].total
+        solid.correct(solid.residual(fluid.flow()).total + left)
         if iteration == 0:
             return
-        after = fluid.unknowns, solid.unknowns
-        if self._scale is None:
-            self._scale = self._increment_norms(before, after)
-        x, F = self._pack(*before), self._pack(*after)
-        self._unpack(self._accelerator.next(x, F))
+        after = self._unknowns
+        if self._weights is None:
+            self._weights = self._inverse_squares(after - before)
+        self._unknowns = self._accelerator.next(before, after)
 
-    def _increment_norms(self, before, after):
-        """Return the norms of the increments of v_f, p and u; 1 for a field that does not change."""
+    @property
+    def _unknowns(self):
+        """Return v_f, p and u of the trial state on the owned nodes, (n_owned, 2 d + 1)."""
+        return np.column_stack([self.fluid.unknowns, self.solid.unknowns])
+
+    @_unknowns.setter
+    def _unknowns(self, values):
         d = self.solid.mesh.dim
-        fluid, solid = after[0] - before[0], after[1] - before[1]
-        norms = [np.sqrt(self.dot(part, part)) for part in (fluid[:, :d].copy(), fluid[:, d].copy(), solid)]
-        return [norm or 1.0 for norm in norms]
+        self.fluid.unknowns, self.solid.unknowns = values[:, : d + 1], values[:, d + 1 :]
 
-    def _pack(self, fluid, solid):
-        velocity, pressure, displacement = self._scale
+    def _inverse_squares(self, increment):
+        """Return 1/|increment of the field|² of every component, (2 d + 1,); 1 for a field that does not change."""
         d = self.solid.mesh.dim
-        return np.concatenate([(fluid[:, :d] / velocity).ravel(), fluid[:, d] / pressure, (solid / displacement).ravel()])
+        fields = (increment[:, :d], increment[:, d], increment[:, d + 1 :])
+        return np.repeat([1 / (self.dot(field, field) or 1.0) for field in fields], [d, 1, d])
 
-    def _unpack(self, x):
-        velocity, pressure, displacement = self._scale
-        n, d = self.solid.mesh.n_owned, self.solid.mesh.dim
-        v, p, u = np.split(x, [n * d, n * (d + 1)])
-        self.fluid.unknowns = np.column_stack([v.reshape(n, d) * velocity, p * pressure])
-        self.solid.unknowns = u.reshape(n, d) * displacement
+    def _weighted_dot(self, a, b):
+        return self.dot(a * self._weights, b)
+
+    # -- what a step leaves to the next ------------------------------------------------------------------------------------
+
+    def reset(self):
+        """Forget the trial states and what the accelerator has learnt, and ask for new tangents."""
+        super().reset()
+        self._accelerator.restart()
+
+    def state(self):
+        """Return the arrays a restart needs, name -> (n_owned, ...), with the vectors that the accelerator reuses."""
+        pairs = [pair for step in self._accelerator.columns() for pair in step]
+        names = ("residual", "image")
+        return super().state() | {
+            f"accelerator.{i}.{name}": a for i, pair in enumerate(pairs) for name, a in zip(names, pair, strict=True)
+        }
+
+    def memory(self):
+        """Return the numbers a restart needs beside the arrays."""
+        return super().memory() | {"columns": [len(step) for step in self._accelerator.columns()]}
+
+    def load_state(self, arrays, memory, schemes, rates):
+        """Continue from `state` and `memory`; schemes and rates are those of the next step."""
+        super().load_state(arrays, memory, schemes, rates)
+        names, number = ("residual", "image"), itertools.count()
+        counts = memory.get("columns", ())
+        steps = [
+            [tuple(arrays[f"accelerator.{i}.{name}"] for name in names) for i in itertools.islice(number, n)] for n in counts
+        ]
+        self._accelerator.load(steps)

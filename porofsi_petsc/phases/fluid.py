@@ -209,7 +209,7 @@ class FluidPhase:
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.mask)
         values = self._setup.element_view(self._matrix, self.components)
-        for chunk, K in self._element_tangents(skeleton, rates, fields):
+        for chunk, K in self._element_tangents(skeleton, rates, fields, self._setup.split, self.components):
             values[chunk] = K
         self._matrix.assemble()
         self._tangent_J = skeleton.configuration.J
@@ -219,18 +219,18 @@ class FluidPhase:
         self._solver.set_tolerance(self._setup.linear_tolerance(rates))
         self._solver.refactor()
 
-    def _element_tangents(self, skeleton, rates, fields):
-        """Yield (chunk, tangent (E, A, m, A, m)) at given fields."""
+    def _element_tangents(self, skeleton, rates, fields, split, components):
+        """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields."""
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
-            K = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, self.components)
-            if self._setup.split == "corrected":
+            K = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, components)
+            if split == "corrected":
                 self._add_skeleton_answer(K, elements, self._setup.materials[region], rates, chunk)
             yield chunk, K
 
     def trial_tangents(self, rates, skeleton):
-        """Yield (chunk, tangent (E, A, m, A, m)) of the trial state."""
-        return self._element_tangents(skeleton, rates, self._trial_fields(skeleton))
+        """Yield (chunk, tangent (E, A, d + 1, A, d + 1)) of the trial state on a fixed mesh, of the plain split."""
+        return self._element_tangents(skeleton, rates, self._trial_fields(skeleton), "plain", self.mesh.dim + 1)
 
     def exchange_tangents(self, rates, skeleton):
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the skeleton's positions) of the trial state."""

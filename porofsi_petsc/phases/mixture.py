@@ -10,7 +10,7 @@ from ..stopwatch import timed
 class Mixture:
     """One Newton step for (y, v_f, p), unknowns of a node together, with all off-diagonal tangents.
 
-    The phases are those of the plain split, whose tangents are the exact diagonal blocks.  The derivative by the moving mesh
+    The derivative by the moving mesh
     is left out, so the iteration is Newton's on a fixed mesh and converges linearly, but fast, where the mesh moves.
     """
 
@@ -19,7 +19,7 @@ class Mixture:
     def __init__(self, solid, fluid, solid_setup, fluid_setup):
         """Take the phases and their setups."""
         self._solid, self._fluid, self._setup = solid, fluid, solid_setup
-        self._mask = np.column_stack([solid_setup.dirichlet.mask, fluid_setup.mask])
+        self._mask = np.column_stack([solid_setup.dirichlet.mask, fluid_setup.mask[:, : solid.mesh.dim + 1]])
         self._matrix = self.solver = self._made_for = None
         self._linear = solid.is_linear and fluid.is_linear
         self.mesh, self.stopwatch, self.assemblies = solid.mesh, solid.stopwatch, 0

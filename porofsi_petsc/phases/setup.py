@@ -20,7 +20,8 @@ class PhaseSetup:
     """Common to both phases.
 
     materials : dict region -> PorousMaterial; body_force : dict component -> expression of b [m/s²];
-    split : "corrected" or "plain"; direct : whether the default solver is a factorization; stopwatch : where its time is counted
+    split : "corrected", "plain" or "scaled" (plain with a scaled mass);
+    direct : whether the default solver is a factorization; stopwatch : where its time is counted
     """
 
     domain: Domain
@@ -49,11 +50,15 @@ class PhaseSetup:
 
 @dataclass(frozen=True)
 class SolidSetup(PhaseSetup):
-    """The skeleton: essential displacement and surface tractions of the mixture [Pa]."""
+    """The skeleton: essential displacement and surface tractions of the mixture [Pa].
+
+    mass_scaling : factor of the mass in the tangent of the split "scaled", or "optimal"
+    """
 
     dirichlet: Dirichlet
     loads: tuple
     with_hessian: bool
+    mass_scaling: float | str | None
 
     def new_solver(self, matrix):
         """Return the KSP of the block; its matrix is symmetric positive definite up to the state's geometric stiffness."""

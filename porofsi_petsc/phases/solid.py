@@ -179,7 +179,7 @@ class SolidPhase:
 
     def correct(self, residual):
         """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
-        increment = self._solver.solve(-residual.total.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
+        increment = self._solver.solve(-residual.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
         self.add(self._setup.dirichlet.free(increment))  # multigrid moves prescribed nodes within its tolerance
 
     def add(self, increment):
@@ -191,7 +191,7 @@ class SolidPhase:
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.dirichlet.mask)
         values = self._setup.element_view(self._matrix, self.mesh.dim)
-        for chunk, K in self._element_tangents(u, configuration, rates):
+        for chunk, K in self._element_tangents(u, configuration, rates, self._setup.split):
             values[chunk] = K
         self._matrix.assemble()
         self.assemblies += 1
@@ -199,20 +199,20 @@ class SolidPhase:
             self._solver = self._setup.new_solver(self._matrix)
         self._solver.refactor()
 
-    def _element_tangents(self, u, configuration, rates):
-        """Yield (chunk, tangent (E, A, d, A, d)) at a displacement u (n_local, d)."""
+    def _element_tangents(self, u, configuration, rates, split):
+        """Yield (chunk, tangent (E, A, d, A, d)) of a split at a displacement u (n_local, d)."""
         domain, nodal = self.domain, self.domain.gather(u)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
             K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, nodal[chunk])
-            weights = self._inertia_weights(material, configuration, chunk, rates)
+            weights = self._inertia_weights(material, configuration, chunk, rates, split)
             if weights is not None:
                 add_isotropic(K, mass_matrix(domain.mass.N, weights), self.mesh.dim)
             yield chunk, K
 
     def trial_tangents(self, rates):
-        """Yield (chunk, tangent (E, A, d, A, d)) of the trial state."""
-        return self._element_tangents(self._u_alpha, self.skeleton().configuration, rates)
+        """Yield (chunk, tangent (E, A, d, A, d)) of the trial state on a fixed mesh, without the corrected split's terms."""
+        return self._element_tangents(self._u_alpha, self.skeleton().configuration, rates, "plain")
 
     def exchange_tangents(self):
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial state."""
@@ -222,21 +222,34 @@ class SolidPhase:
             n, S = material.fluid_fraction(J), material.drag(J)
             yield chunk, exchange.solid_by_flow(self.domain.mass.N, configuration.geometry.part(chunk), n, S)
 
-    def _inertia_weights(self, material, configuration, chunk, rates):
+    def _inertia_weights(self, material, configuration, chunk, rates, split):
         """Return the mass of the tangent times dV, (E, Q), None without any.
 
         Corrected split: ρ_χ c_a, the inertia with the fluid that is dragged along, the drag itself as a force.  Plain split
-        (the founding paper's block): ρ_s c_a and the derivative S c_v of the drag.
+        (the founding paper's block): ρ_s c_a and the derivative S c_v of the drag, or the scaled mass without it.
         """
         dV0, J = self.domain.reference.dV[chunk], configuration.J[chunk]
         dV, S = configuration.geometry.dV[chunk], material.drag(J)
         inertia = material.rho_s * rates.c_a * dV0
-        if self._setup.split == "plain":
+        if split == "scaled":
+            return self._scaled_mass(material, inertia, J, S, dV, rates)
+        if split == "plain":
             return inertia + S * rates.c_v * dV
         if not (rates.c_a or rates.c_f):
             return None
         rho_f = material.fluid_fraction(J) * material.rho_fR
         return inertia + rates.moving_inertia(S, 0.0, rho_f) * dV
+
+    def _scaled_mass(self, material, inertia, J, S, dV, rates):
+        """Return the tangent's inertia times the factor of the papers' mass scaling, (E, Q).
+
+        "optimal" is 1 + n_s ρ_fR/(n_f ρ_sR) + γ Δt (γ_fR/k_f)/(n_s ρ_sR), with the weights of the time schemes c_f c_v/c_a and
+        c_v/c_a instead of 1 and γ Δt: ρ_s c_a + (n_s²/n_f) ρ_fR c_f c_v + (S/n_f²) c_v, the exact answer to a compression wave.
+        """
+        if self._setup.mass_scaling != "optimal":
+            return self._setup.mass_scaling * inertia
+        n = material.fluid_fraction(J)
+        return inertia + ((1 - n) ** 2 / n * material.rho_fR * rates.c_f + S / n**2) * rates.c_v * dV
 
     @property
     def solver(self):

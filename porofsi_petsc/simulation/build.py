@@ -112,6 +112,7 @@ def solid_setup(scene, domain, materials, stopwatch):
         dirichlet=Dirichlet(mesh, mesh.dim, _entries(scene, "displacement")),
         loads=tuple(loads),
         with_hessian=model.viscosity,
+        mass_scaling=scene.coupling.mass_scaling,
     )
 
 
@@ -181,18 +182,21 @@ def build_coupling(scene, mesh, stopwatch):
     fluid.set_initial(_field(mesh, initial.fluid_velocity), pressure)
     choice = scene.coupling
     common = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
-    if choice.scheme == "monolithic":
+    if choice.scheme != "partitioned":
         return MonolithicCoupling(*common, Mixture(solid, fluid, *setups))
 
     def accelerator(dot):
-        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split])
+        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
 
     return PorousCoupling(*common, accelerator, choice.tangent == "newton")
 
 
 def _split(scene):
-    """Return the split of the phases' tangents; the monolithic scheme takes the exact diagonal blocks of the plain one."""
-    return "plain" if scene.coupling.scheme == "monolithic" else scene.coupling.split
+    """Return the split of the phases' tangents; those that precondition the monolithic schemes are the corrected ones."""
+    choice = scene.coupling
+    if choice.scheme != "partitioned":
+        return "corrected"
+    return "scaled" if choice.mass_scaling is not None else choice.split
 
 
 def _is_direct(mesh):
