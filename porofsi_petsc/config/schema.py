@@ -64,9 +64,9 @@ class Scene(Table):
         check_expressions(self.body_force, self.dim, "body_force")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_time_scheme()
+        self._check_mass_scaling()
         self._check_probes()
         self._check_expectations()
-        self._check_mass_scaling()
         return self
 
     def _check_time_scheme(self):
@@ -74,14 +74,14 @@ class Scene(Table):
             text = "received 'backward_euler' with inertia, expected model.solid_inertia = false and model.fluid_inertia = false"
             raise wrong(f"{text}, or scheme = 'generalized_alpha'", "time.scheme")
 
-    def _check_probes(self):
-        names = [probe.name for probe in self.probe]
-        for i, probe in enumerate(self.probe):
     def _check_mass_scaling(self):
         if self.coupling.mass_scaling is not None and not self.model.solid_inertia:
             received = f"received {self.coupling.mass_scaling!r} with model.solid_inertia = false"
             raise wrong(f"{received}, expected a skeleton with a mass to scale; leave it out", "coupling.mass_scaling")
 
+    def _check_probes(self):
+        names = [probe.name for probe in self.probe]
+        for i, probe in enumerate(self.probe):
             if probe.name in names[:i]:
                 text = f"received '{probe.name}', the name of probe.{names.index(probe.name)}, expected another"
                 raise wrong(text, f"probe.{i}.name")
