@@ -138,7 +138,8 @@ def test_documentation_of_the_summary_is_current():
 
 
 def expectation(**changes):
-    values = {"quantity": "B.p", "at": None, "statistic": None, "value": 1.5, "tolerance": 0.01, "scale": None, "source": "x"}
+    values = {"quantity": "B.p", "at": None, "since": None, "statistic": None, "value": 1.5}
+    values |= {"tolerance": 0.01, "scale": None, "source": "x"}
     return SimpleNamespace(**(values | changes))
 
 
@@ -150,6 +151,7 @@ HISTORY = {"t": np.array([0.0, 1.0, 2.0]), "B.p": np.array([0.0, 2.0, -3.0])}
     [
         ({"at": 0.75}, 1.5, 0.0, True),
         ({"at": 2.0 + 1e-12, "value": -3.0}, -3.0, 0.0, True),
+        ({"at": 2.0, "since": 0.5, "value": -4.0}, -4.0, 0.0, True),
         ({"statistic": "max", "value": 2.5}, 2.0, 0.2, False),
         ({"statistic": "max", "value": 2.5, "scale": 100.0}, 2.0, 0.005, True),
         ({"statistic": "min", "value": -3.0}, -3.0, 0.0, True),
@@ -158,13 +160,13 @@ HISTORY = {"t": np.array([0.0, 1.0, 2.0]), "B.p": np.array([0.0, 2.0, -3.0])}
     ],
 )
 def test_expectation_compares_relative_to_its_scale(changes, value, error, passed):
-    (record,) = evaluate([expectation(**changes)], HISTORY)
+    (record,) = evaluate([expectation(**changes)], [HISTORY])
     assert record["value"] == pytest.approx(value) and record["error"] == pytest.approx(error) and record["passed"] is passed
     assert bool(failed([record])) is not passed
 
 
 def test_expectation_beyond_the_history_is_skipped():
-    (record,) = evaluate([expectation(at=3.0)], HISTORY)
+    (record,) = evaluate([expectation(at=3.0)], [HISTORY])
     assert record["passed"] is None and "0 s to 2 s" in record["reason"] and failed([record]) == []
 
 

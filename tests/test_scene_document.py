@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from porofsi_petsc.config import conditions, geometry, load_scene, material, schema, sections
+from porofsi_petsc.config import conditions, geometry, load_scene, material, reference, schema, sections
 from porofsi_petsc.config.types import Formula, Limit, Scaling, Tags, Vector
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "scene.md"
@@ -37,6 +37,7 @@ TABLES = {
     "[[probe]]": sections.Probe,
     "[output]": sections.Output,
     "[figures]": sections.Figures,
+    "[reference]": reference.Reference,
     "[[expect]]": sections.Expect,
 }
 SPECIAL = {

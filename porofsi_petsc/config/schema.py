@@ -7,6 +7,7 @@ from pydantic import PrivateAttr, model_validator
 from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_expressions
 from .geometry import MeshSection
 from .material import Material, check_materials
+from .reference import Reference
 from .sections import Coupling, Expect, Figures, Limits, Model, Output, Petsc, Probe, Smoke, Stabilization, Time
 from .types import Table, Text, closest, list_of, wrong
 
@@ -30,6 +31,7 @@ class Scene(Table):
     probe: list_of(Probe) = ()
     output: Output = Output()
     figures: Figures = Figures()
+    reference: Reference | None = None
     expect: list_of(Expect) = ()
     smoke: Smoke = {}
 
@@ -66,6 +68,7 @@ class Scene(Table):
         self._check_time_scheme()
         self._check_mass_scaling()
         self._check_probes()
+        self._check_reference()
         self._check_expectations()
         return self
 
@@ -91,12 +94,29 @@ class Scene(Table):
                 if self.dim == 2 and quantity.endswith("_z"):
                     raise wrong(f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities")
 
+    def _check_reference(self):
+        if self.reference is None:
+            return
+        if len(self.material) != 1:
+            raise wrong(f"received {len(self.material)} materials, expected one, from which the solution is made", "reference")
+        if self.dim == 3 and self.reference.solution in ("mandel", "strip_footing"):
+            raise wrong(f"received '{self.reference.solution}' in a three-dimensional scene", "reference.solution")
+        if "error" in [probe.name for probe in self.probe]:
+            raise wrong("received a probe named 'error', expected another name beside [reference]", "probe")
+        if self.reference.solution == "selfweight" and getattr(self.body_force.solid, "xyz"[self.dim - 1]) is None:
+            raise wrong(
+                "received no vertical body_force.solid, expected the weight that 'selfweight' needs", "reference.solution"
+            )
+
     def _check_expectations(self):
         recorded = [f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities]
+        recorded += ["error.u", "error.p"] if self.reference else []
         for i, expect in enumerate(self.expect):
             if expect.quantity not in recorded:
                 text = f"received '{expect.quantity}', which no [[probe]] records; {closest(expect.quantity, recorded)}"
                 raise wrong(text, f"expect.{i}.quantity")
+            if expect.quantity.startswith("error.") and expect.at is not None and expect.at not in self.reference.times:
+                raise wrong(f"received {expect.at:g}, expected one of reference.times, when errors are taken", f"expect.{i}.at")
         for name in self.figures.paths:
             if not {f"{name}.u_x", f"{name}.u_y"} <= set(recorded):
                 raise wrong(f"received '{name}', expected a probe that records u_x and u_y", "figures.paths")

@@ -127,10 +127,14 @@ class Figures(Table):
 
 
 class Expect(Table):
-    """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value| (or times scale)."""
+    """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value| (or times scale).
+
+    since : the value is the change from this time [s] to `at`
+    """
 
     quantity: Text
     at: Annotated[Number, Field(ge=0)] | None = None
+    since: Annotated[Number, Field(ge=0)] | None = None
     statistic: Literal["max", "min", "abs_max", "final"] | None = None
     value: Number
     tolerance: Positive
@@ -141,6 +145,8 @@ class Expect(Table):
     def _complete(self):
         if (self.at is None) == (self.statistic is None):
             raise wrong('expected exactly one of at = TIME and statistic = "max" | "min" | "abs_max" | "final"')
+        if self.since is not None and (self.at is None or self.since >= self.at):
+            raise wrong(f"received {self.since:g}, expected a time before at = TIME", "since")
         if self.value == 0 and self.scale is None:
             raise wrong("received nothing, expected a positive number, because the value 0 has no relative tolerance", "scale")
         return self

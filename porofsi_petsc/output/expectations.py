@@ -11,14 +11,15 @@ STATISTICS = {
 ROUNDING = 1e-9  # relative: a last time that misses the asked one by rounding is not a history that is too short
 
 
-def evaluate(expectations, history, complete=True):
-    """Return one record per expectation: quantity, at, statistic, value, reference, error, tolerance, passed, reason, source.
+def evaluate(expectations, histories, complete=True):
+    """Return one record per expectation: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason, source.
 
-    expectations : objects with quantity, at [s] or statistic, value, tolerance, scale (None: |value|), source.
-    history : dict column -> (rows,), as read_history gives.  The error is |computed - expected| / scale; a time that the
-    history does not cover is skipped: passed None and a reason; so is a statistic of a run that did not complete.
+    expectations : objects with quantity, at [s] (and since [s]) or statistic, value, tolerance, scale (None: |value|), source.
+    histories : each a dict column -> (rows,), as read_history gives; the first that has the column counts.  The error is
+    |computed - expected| / scale; a time that the history does not cover is skipped: passed None and a reason; so is a statistic
+    of a run that did not complete.
     """
-    return [_record(expectation, history, complete) for expectation in expectations]
+    return [_record(e, next(history for history in histories if e.quantity in history), complete) for e in expectations]
 
 
 def failed(records):
@@ -32,6 +33,7 @@ def _record(expectation, history, complete):
     return {
         "quantity": expectation.quantity,
         "at": expectation.at,
+        "since": expectation.since,
         "statistic": expectation.statistic,
         "value": value,
         "reference": expectation.value,
@@ -57,7 +59,9 @@ def _computed(expectation, history, complete):
         return None, "the run did not reach its end"
     if expectation.at is None:
         return float(STATISTICS[expectation.statistic](values)), None
+    times = [expectation.at] if expectation.since is None else [expectation.since, expectation.at]
     slack = ROUNDING * max(abs(t[0]), abs(t[-1]))
-    if not t[0] - slack <= expectation.at <= t[-1] + slack:
+    if not t[0] - slack <= times[0] <= times[-1] <= t[-1] + slack:
         return None, f"the history covers {t[0]:g} s to {t[-1]:g} s"
-    return float(np.interp(expectation.at, t, values)), None
+    found = np.interp(times, t, values)
+    return float(found[-1] - (found[0] if expectation.since is not None else 0.0)), None

@@ -12,6 +12,8 @@ from .hdf5 import read_slab
 from .history import NAME as HISTORY
 from .history import read_history
 from .history_plots import draw_histories, draw_paths
+from .profiles import NAME as PROFILES
+from .profiles import draw_profiles, read_profiles
 from .surface import read_surface
 
 STYLE = {
@@ -34,14 +36,14 @@ PANELS_WITHOUT_TIMES = 4
 
 
 def make_figures(directory):
-    """Draw pressure.png, displacement.png, histories.png and paths.png into the directory; return the paths written.
+    """Draw pressure.png, displacement.png, histories.png, paths.png and reference.png into the directory; return the paths written.
 
     Figures without data (no fields or no history written, no path asked for) are left out.  On the calling rank only.
     Raises InputError when the directory is not a result directory.
     """
     directory = Path(directory)
     settings = _settings(directory)
-    return _field_figures(directory, settings) + _history_figures(directory, settings)
+    return _field_figures(directory, settings) + _history_figures(directory, settings) + _reference_figure(directory)
 
 
 def _settings(directory):
@@ -103,6 +105,12 @@ def _history_figures(directory, settings):
     if probes:
         written.append(_save(directory / "paths.png", draw_paths, history, probes))
     return written
+
+
+def _reference_figure(directory):
+    if not (directory / PROFILES).is_file():
+        return []
+    return [_save(directory / "reference.png", draw_profiles, read_profiles(directory / PROFILES))]
 
 
 def _save(path, draw, *arguments):

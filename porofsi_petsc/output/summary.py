@@ -64,8 +64,12 @@ SUMMARY_KEYS = {
         "norm of the pressure minus its average over the elements of each node (interior nodes), over the norm of the pressure, "
         "each the largest of the run [-]"
     ),
+    "errors": (
+        "one record per time of [reference] and for the end: at (asked for) and t (end of the step) [s], relative errors u (over the "
+        "exact u) and p (over its size under the sudden load) in L2 over the mesh; empty without [reference]"
+    ),
     "expectations": (
-        "one record per [[expect]]: quantity, at [s] or statistic, value (computed), reference (expected), error (relative), "
+        "one record per [[expect]]: quantity, at [s], since [s] or statistic, value (computed), reference (expected), error (relative), "
         "tolerance, passed (null when skipped), reason (why skipped), source"
     ),
     "files": "files written, relative to the result directory",

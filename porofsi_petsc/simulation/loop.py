@@ -173,5 +173,6 @@ class TimeLoop:
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
         self._measures.watch_neglected(coupling.solid, coupling.fluid, coupling.residuals)
+        self._measures.compare(clock, coupling.solid, coupling.fluid)
         self._records.after_step(clock, self.iterations)
         self._measures.require_limits(clock.t)

@@ -10,6 +10,7 @@ from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain
 from ..tensors import det_minus_one, transpose
+from .reference import Comparison
 
 
 class NodalAverage:
@@ -50,6 +51,7 @@ class Measures:
         self.sizes = {omission.name: 0.0 for omission in self._omissions}
         self.roughness = self.largest_pressure = 0.0
         self._interior = self._interior_nodes()
+        self.comparison = Comparison(scene, domain) if scene.reference else None
 
     # -- fields -----------------------------------------------------------------------------------------------------------
 
@@ -97,6 +99,11 @@ class Measures:
         """Return the largest |p - p̄| over the largest |p| of the run."""
         return self.roughness / self.largest_pressure if self.largest_pressure else 0.0
 
+    def compare(self, clock, solid, fluid):
+        """Record the errors against the scene's exact solution where they are due (collective)."""
+        if self.comparison:
+            self.comparison.after_step(clock, solid.u, fluid.p)
+
     # -- neglected terms --------------------------------------------------------------------------------------------------
 
     def watch_neglected(self, solid, fluid, residuals):
@@ -127,12 +134,15 @@ class Measures:
 
     def state(self):
         """Return the numbers a restart needs."""
-        return {"sizes": self.sizes, "roughness": self.roughness, "largest_pressure": self.largest_pressure}
+        errors = self.comparison.records if self.comparison else []
+        return {"sizes": self.sizes, "roughness": self.roughness, "largest_pressure": self.largest_pressure, "errors": errors}
 
     def load(self, state):
         """Continue from `state`; sizes of terms that are modelled now are dropped."""
         self.sizes.update({name: size for name, size in state["sizes"].items() if name in self.sizes})
         self.roughness, self.largest_pressure = state["roughness"], state["largest_pressure"]
+        if self.comparison:
+            self.comparison.records = state["errors"]
 
     def _maximum(self, cell_values):
         local = float(cell_values.max()) if cell_values.size else 0.0

@@ -42,6 +42,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
         "modelled": _modelled(scene),
         "neglected": measures.neglected(),
         "oscillation_indicator": measures.oscillation_indicator,
+        "errors": measures.comparison.errors() if measures.comparison else [],
         "expectations": expectations,
         "files": files,
     }

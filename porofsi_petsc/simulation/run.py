@@ -12,6 +12,7 @@ from ..output.figures import make_figures
 from ..output.files import on_root, write_text
 from ..output.history import read_history
 from ..output.probes import Probes
+from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import write_summary
 from ..stopwatch import Stopwatch
@@ -116,7 +117,13 @@ class _Run:
         return summary
 
     def _expectations(self, complete):
-        return evaluate(self.scene.expect, read_history(self.directory / "history.csv"), complete)
+        histories = [read_history(self.directory / "history.csv")]
+        comparison = self.measures.comparison
+        if comparison:
+            histories.append(comparison.table())
+        if comparison and comparison.records:
+            write_profiles(self.directory, comparison.records)
+        return evaluate(self.scene.expect, histories, complete)
 
     def _say(self, summary):
         iterations, energy = summary["coupling_iterations"], summary["energy"]
@@ -129,6 +136,9 @@ class _Run:
             energy["balance_error_relative"],
             summary["wall_time"]["total"],
         )
+        for record in summary["errors"]:
+            u = "" if record["u"] is None else f"u {record['u']:.2g}, "
+            logger.info("error against the exact solution at %g s: %sp %.2g", record["t"], u, record["p"])
         for record in summary["expectations"]:
             where = f"at {record['at']:g} s" if record["at"] is not None else record["statistic"]
             if record["passed"] is None:

@@ -1,0 +1,39 @@
+"""Section [reference]: the exact solution that a scene is compared with."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .types import Number, Positive, Table, list_of, wrong
+
+Solution = Literal["column_step", "column_harmonic", "terzaghi", "mandel", "strip_footing", "xie_leo", "selfweight", "drained"]
+
+
+class Reference(Table):
+    """The solution, its load [Pa] and length [m]; all else comes from the scene's one material.
+
+    frequency : ω [rad/s] of column_harmonic; surface : height of the drained surface [m] (absent: length);
+    times : when the errors are taken [s], beside the end.
+    """
+
+    solution: Solution
+    load: Positive | None = None
+    length: Positive
+    frequency: Positive | None = None
+    surface: Number | None = None
+    times: list_of(Annotated[Number, Field(gt=0)]) = ()
+
+    @model_validator(mode="after")
+    def _complete(self):
+        self._check("load", self.solution != "selfweight")
+        self._check("frequency", self.solution == "column_harmonic")
+        if list(self.times) != sorted(set(self.times)):
+            raise wrong(f"received {list(self.times)}, expected increasing numbers", "times")
+        return self
+
+    def _check(self, key, needed):
+        value = getattr(self, key)
+        if needed and value is None:
+            raise wrong(f"received nothing, expected a positive number, which '{self.solution}' needs", key)
+        if value is not None and not needed:
+            raise wrong(f"received {value:g}, expected nothing: '{self.solution}' has none", key)

@@ -1,0 +1,226 @@
+"""The exact solution of a scene and the distance of the computed fields from it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..exact import DynamicColumn, Mandel, Selfweight, StripFooting, Terzaghi, XieLeo, confined_ratio
+from ..fem.geometry import Rule, geometry
+from ..output.probes import Probes
+
+PROFILE_POINTS = 41
+STRIP_DEPTH = 4.0  # half widths of a strip load that its profile reaches down
+
+
+@dataclass(frozen=True)
+class ExactFields:
+    """Fields of an exact solution at points X (n, d) of the reference configuration and a time t.
+
+    displacement : (t, X) -> (n, d) [m], or None where a half-space has none; pressure : (t, X) -> (n,) [Pa];
+    pressure_scale : size of p under the sudden load [Pa]; line : first and last point of the profile, (2, d) [m];
+    component : which displacement the profile shows
+    """
+
+    displacement: Callable | None
+    pressure: Callable
+    pressure_scale: float
+    line: np.ndarray
+    component: int
+
+
+@dataclass(frozen=True)
+class _Soil:
+    """What the solutions take of a scene's one material."""
+
+    lam: float
+    mu: float
+    n_s: float
+    rho_sR: float
+    rho_fR: float
+    mobility: float
+    law: str
+
+    @classmethod
+    def of(cls, scene):
+        entry = scene.material[0]
+        solid = entry.solid
+        return cls(solid.lambda_, solid.mu, 1 - entry.porosity, solid.density, entry.fluid.density, entry.mobility, solid.law)
+
+    @property
+    def modulus(self):
+        """Return E_c = λ + 2μ [Pa]."""
+        return self.lam + 2 * self.mu
+
+    @property
+    def diffusivity(self):
+        """Return c_v = k_f E_c/γ_fR [m²/s]."""
+        return self.mobility * self.modulus
+
+
+def exact_fields(scene):
+    """Return the `ExactFields` of the scene's [reference]."""
+    return SOLUTIONS[scene.reference.solution](scene, _Soil.of(scene))
+
+
+def _column(scene, settlement, pressure, scale):
+    """Return the fields of a vertical column from w(z, t) and p(z, t), z the depth below the surface."""
+    section, dim = scene.reference, scene.dim
+    surface = section.length if section.surface is None else section.surface
+
+    def displacement(t, X):
+        u = np.zeros(X.shape)
+        u[:, -1] = -settlement(surface - X[:, -1], t)
+        return u
+
+    line = np.zeros((2, dim))
+    line[:, -1] = surface, surface - section.length
+    return ExactFields(displacement, lambda t, X: pressure(surface - X[:, -1], t), scale, line, dim - 1)
+
+
+def _layer(kind):
+    def fields(scene, soil):
+        section = scene.reference
+        layer = kind(section.load, section.length, soil.modulus, soil.diffusivity)
+        return _column(scene, layer.settlement, layer.pressure, section.load)
+
+    return fields
+
+
+def _dynamic(scene, soil, evaluate, scale):
+    column = DynamicColumn(scene.reference.length, soil.lam, soil.mu, soil.n_s, soil.rho_sR, soil.rho_fR, 1.0, 1 / soil.mobility)
+
+    def field(index):
+        return lambda z, t: evaluate(column, z, t)[index]
+
+    return _column(scene, field(0), field(1), scale)
+
+
+def _column_step(scene, soil):
+    load = scene.reference.load
+    return _dynamic(scene, soil, lambda column, z, t: column.step(load, z, t), load)
+
+
+def _column_harmonic(scene, soil):
+    load, omega = scene.reference.load, scene.reference.frequency
+    return _dynamic(scene, soil, lambda column, z, t: column.harmonic(load, omega, z, t), load)
+
+
+def _selfweight(scene, soil):
+    section = scene.reference
+    gravity = -getattr(scene.body_force.solid, "xyz"[scene.dim - 1])(0.0, np.zeros((1, scene.dim)))[0]
+    weight = soil.n_s * soil.rho_sR * gravity  # b of a buoyant skeleton is (1 - ρ_fR/ρ_sR) g
+    column = Selfweight(weight, section.length, soil.law, soil.lam, soil.mu, soil.n_s, soil.diffusivity)
+    if soil.law == "linear_elastic":
+        return _column(scene, column.settlement, column.pressure, weight * section.length)
+    return _column(scene, lambda z, t: column.end_settlement(z), _no_pressure, weight * section.length)
+
+
+def _drained(scene, soil):
+    section = scene.reference
+    J = confined_ratio(soil.law, section.load, soil.lam, soil.mu, soil.n_s)
+    return _column(scene, lambda z, t: (1 - J) * (section.length - z), _no_pressure, section.load)
+
+
+def _no_pressure(z, t):
+    return np.zeros(z.shape)
+
+
+def _mandel(scene, soil):
+    section = scene.reference
+    slab = Mandel(section.load * section.length, section.length, soil.lam, soil.mu, soil.diffusivity)
+
+    def displacement(t, X):
+        return np.column_stack([slab.displacement_x(X[:, 0], t), slab.displacement_y(X[:, 1], t)])
+
+    line = np.array([[0.0, 0.0], [section.length, 0.0]])
+    return ExactFields(displacement, lambda t, X: slab.pressure(X[:, 0], t), section.load / 2, line, 0)
+
+
+def _strip_footing(scene, soil):
+    section = scene.reference
+    surface = section.length if section.surface is None else section.surface
+    strip = StripFooting(section.load, section.length, soil.lam, soil.mu, soil.diffusivity)
+    line = np.array([[0.0, surface], [0.0, surface - STRIP_DEPTH * section.length]])
+    return ExactFields(None, lambda t, X: strip.pressure(X[:, 0], surface - X[:, 1], t), section.load, line, 1)
+
+
+SOLUTIONS = {
+    "column_step": _column_step,
+    "column_harmonic": _column_harmonic,
+    "terzaghi": _layer(Terzaghi),
+    "mandel": _mandel,
+    "strip_footing": _strip_footing,
+    "xie_leo": _layer(XieLeo),
+    "selfweight": _selfweight,
+    "drained": _drained,
+}
+
+
+class Comparison:
+    """Errors of the accepted fields against the exact ones at the times of a scene; `records` belongs to checkpoints.
+
+    A record: at (the time asked for), t (the end of the step that reached it), the relative errors u and p in L2, and the profile
+    of s, u, u_exact, p, p_exact along a line.  The error of u is taken over the exact u, that of p over its scale and √volume,
+    because p fades.
+    """
+
+    def __init__(self, scene, domain):
+        """Prepare the quadrature over the owned elements and the points of the profile (collective)."""
+        self._exact, self._domain, self._times = exact_fields(scene), domain, scene.reference.times
+        rule = Rule.of(domain.element, 2 * domain.element.order + 2)
+        self._cells = domain.cells[domain.owned]
+        coordinates = domain.mesh.X[self._cells]
+        self._N, self._dV = rule.N, geometry(rule, coordinates).dV
+        self._points = (rule.N @ coordinates).reshape(-1, domain.dim)
+        share = np.linspace(0, 1, PROFILE_POINTS)[:, None]
+        self._line = (1 - share) * self._exact.line[0] + share * self._exact.line[1]
+        self._distance = share[:, 0] * np.linalg.norm(self._exact.line[1] - self._exact.line[0])
+        self._probes = Probes(domain.mesh, [(f"profile {i}", point) for i, point in enumerate(self._line)])
+        self.records = []
+
+    def after_step(self, clock, u, p):
+        """Record what is due at the accepted u (n_local, d) and p (n_local,) (collective)."""
+        done = {record["at"] for record in self.records}
+        due = [at for at in self._times if at <= clock.t * (1 + 1e-12) and at not in done]
+        if clock.finished and clock.t not in due:
+            due.append(clock.t)
+        for at in due:
+            self.records.append(
+                {"at": at, "t": clock.t} | self._errors(clock.t, u, p) | {"profile": self._profile(clock.t, u, p)}
+            )
+
+    def table(self):
+        """Return the errors as a history: t and error.u, error.p, each (records,)."""
+        columns = {"t": "at", "error.u": "u", "error.p": "p"}
+        return {name: np.array([record[key] for record in self.records], dtype=float) for name, key in columns.items()}
+
+    def errors(self):
+        """Return at, t, u, p of every record for the summary."""
+        return [{key: record[key] for key in ("at", "t", "u", "p")} for record in self.records]
+
+    def _errors(self, t, u, p):
+        found = {"u": None}
+        if self._exact.displacement:
+            exact = self._exact.displacement(t, self._points)
+            found["u"] = self._norm(self._at_points(u) - exact) / self._norm(exact)
+        difference = self._at_points(p[:, None])[:, 0] - self._exact.pressure(t, self._points)
+        found["p"] = self._norm(difference) / self._norm(np.full(len(difference), self._exact.pressure_scale))
+        return found
+
+    def _at_points(self, field):
+        """Return the values of a nodal field at the quadrature points, (E Q, k)."""
+        return (self._N @ field[self._cells]).reshape(len(self._points), -1)
+
+    def _norm(self, values):
+        """Return the L2 norm over all elements of all ranks (collective)."""
+        squares = (values.reshape(len(self._points), -1) ** 2).sum(axis=1)
+        return float(np.sqrt(self._domain.mesh.comm.allreduce(float(squares @ self._dV.ravel()))))
+
+    def _profile(self, t, u, p):
+        component = self._exact.component
+        profile = {"s": self._distance, "u": self._probes.evaluate(u)[:, component], "p": self._probes.evaluate(p[:, None])[:, 0]}
+        profile["p_exact"] = self._exact.pressure(t, self._line)
+        exact = self._exact.displacement
+        profile["u_exact"] = exact(t, self._line)[:, component] if exact else np.full(len(self._line), np.nan)
+        return {name: values.tolist() for name, values in profile.items()}
