@@ -1,4 +1,4 @@
-"""The saturated porous medium solved as one system: Newton's iteration with all off-diagonal tangents (quasi-direct)."""
+"""The saturated porous medium solved as one system: Newton's iteration with all off-diagonal tangents (quasi-direct, direct)."""
 
 from .medium import PorousMedium
 
@@ -7,7 +7,7 @@ class MonolithicCoupling(PorousMedium):
     """Newton's iteration for (y, v_f, p) together; what the partitioned scheme must reproduce to its tolerance."""
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, mixture):
-        """Take the medium (phases of the plain split) and a `phases.mixture.Mixture`, which solves for both increments."""
+        """Take the medium and a mixture of `phases.mixture`, which solves for both increments."""
         super().__init__(solid, fluid, comm, tolerance, max_iterations)
         self.mixture = mixture
 

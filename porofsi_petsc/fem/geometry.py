@@ -48,10 +48,22 @@ def geometry(rule, coordinates):
 
 def shape_hessians(element, coordinates):
     """Return d2N/dx2, (E, A, d, d) [1/m²], of the affine part of the map (exact on straight-sided elements)."""
-    vertices = element.dim + 1
-    affine = np.swapaxes(coordinates[:, 1:vertices] - coordinates[:, :1], 1, 2)
-    pull = inverse(affine)[0]
+    pull = _affine_pull(element, coordinates)
     return np.swapaxes(pull, 1, 2)[:, None] @ element.hessian() @ pull[:, None]
+
+
+def affine_gradients(element, coordinates):
+    """Return how the affine part of the map follows the nodes, (E, A, d) [1/m]: barycentric gradients, 0 beside the vertices."""
+    gradients, d = np.zeros(coordinates.shape), element.dim
+    gradients[:, 1 : d + 1] = _affine_pull(element, coordinates)
+    gradients[:, 0] = -gradients.sum(axis=1)
+    return gradients
+
+
+def _affine_pull(element, coordinates):
+    """Return dxi/dx of the affine part of the map, (E, d, d) [1/m]."""
+    edges = coordinates[:, 1 : element.dim + 1] - coordinates[:, :1]
+    return inverse(np.swapaxes(edges, 1, 2))[0]
 
 
 def element_size(element, rule, geometry_of_elements):

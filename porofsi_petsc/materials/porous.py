@@ -40,6 +40,11 @@ class PorousMaterial:
         """Return S = n_f² γ_fR/k_f(J) [N s/m^4], the shape of J."""
         return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability(J, self.n_s0, self.exponent)
 
+    def volume_derivatives(self, J):
+        """Return J dn_f/dJ and J dS/dJ, the shape of J, exact to round-off by a complex step (Squire & Trapp 1998)."""
+        stretched = J * (1 + 1e-30j)
+        return np.imag(self.fluid_fraction(stretched)) / 1e-30, np.imag(self.drag(stretched)) / 1e-30
+
     def open_pores(self, J):
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when nothing depends on it."""
         if self.variable_porosity or self.permeability in POROSITY_LAWS or self.elastic.compacts:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..kernels import exchange
+from ..fem.geometry import affine_gradients
+from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..stopwatch import timed
 from .loads import body_acceleration
@@ -123,6 +124,23 @@ class FluidPhase:
             Residual(comm, volume_terms, self._setup.pressure.free),
         )
 
+    @timed("residual")
+    def momentum_imbalance(self, skeleton):
+        """Return what the trial state leaves of the momentum balance on free rows, (n_owned, d) [N]; 0 in the plain split.
+
+        Added to the skeleton's residual it makes that of the mixture, from which the drag cancels.  The two differ by nothing
+        while the fluid is solved to the last digit; else what is left of S w, however small against S, would drive the skeleton.
+        """
+        domain = self.domain
+        if self._setup.split == "plain":
+            return 0.0
+        fields = self._trial_fields(skeleton)
+        vectors = np.empty(fields.v.shape)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            vectors[chunk] = kernel.momentum_imbalance(elements, _part(fields, chunk))
+        return self._setup.velocity_free(domain.scatter_add(vectors))
+
     @property
     def _doubles_per_cell(self):
         return (self.domain.cells.shape[1] * self.components) ** 2
@@ -179,11 +197,7 @@ class FluidPhase:
         self._assemble(skeleton, rates, self._trial_fields(skeleton))
 
     def strayed(self, skeleton):
-        """Return whether a volume ratio differs by more than STRAY from the one in the tangent (collective).
-
-        The drag grows like n_f²/k_f(J), and what a stale drag leaves of S w_rel is a force on the skeleton: with S/S_tangent =
-        0.5 after a first large step the iteration blew up at k_f = 1e-6 m/s.
-        """
+        """Return whether a volume ratio differs by more than STRAY from the one in the tangent (collective)."""
         change = np.abs(skeleton.configuration.J / self._tangent_J - 1).max(initial=0.0)
         return max(self.mesh.comm.allgather(change)) > STRAY
 
@@ -216,7 +230,6 @@ class FluidPhase:
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix, self.components)
-        self._solver.set_tolerance(self._setup.linear_tolerance(rates))
         self._solver.refactor()
 
     def _element_tangents(self, skeleton, rates, fields, split, components):
@@ -238,6 +251,17 @@ class FluidPhase:
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
             yield chunk, exchange.flow_by_skeleton(elements, _part(fields, chunk), rates.c_v, moving)
+
+    def shape_tangents(self, skeleton):
+        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the geometry of the moving mesh) of the trial state."""
+        domain, fields = self.domain, self._trial_fields(skeleton)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            J = skeleton.configuration.J[chunk]
+            derivatives = shape.VolumeDerivatives(*self._setup.materials[region].volume_derivatives(J))
+            positions = (self.mesh.X + skeleton.displacement)[domain.cells[chunk]]
+            affine = affine_gradients(domain.element, positions)
+            yield chunk, shape.flow_by_geometry(elements, _part(fields, chunk), derivatives, affine)
 
     def _add_skeleton_answer(self, values, elements, material, rates, chunk):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure gradient the skeleton feels."""

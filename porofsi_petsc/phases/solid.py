@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..fem.domain import Configuration
-from ..kernels import exchange
+from ..kernels import exchange, shape
 from ..kernels import solid as kernel
 from ..kernels.assemble import add_isotropic, mass_matrix
 from ..stopwatch import timed
@@ -178,7 +178,7 @@ class SolidPhase:
         self._rule.forget()
 
     def correct(self, residual):
-        """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
+        """Solve H δ = -residual, (n_owned, d) [N], and add δ to the trial state: one Newton step of the block."""
         increment = self._solver.solve(-residual.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
         self.add(self._setup.dirichlet.free(increment))  # multigrid moves prescribed nodes within its tolerance
 
@@ -221,6 +221,17 @@ class SolidPhase:
             material, J = self._setup.materials[region], configuration.J[chunk]
             n, S = material.fluid_fraction(J), material.drag(J)
             yield chunk, exchange.solid_by_flow(self.domain.mass.N, configuration.geometry.part(chunk), n, S)
+
+    def shape_tangents(self, flow):
+        """Yield (chunk, derivative (E, A, d, A, d) of the residual by the geometry of the moving mesh) of the trial state."""
+        domain, configuration = self.domain, self.skeleton().configuration
+        p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material, J = self._setup.materials[region], configuration.J[chunk]
+            n, S = material.fluid_fraction(J), material.drag(J)
+            derivatives = shape.VolumeDerivatives(*material.volume_derivatives(J))
+            geometry = configuration.geometry.part(chunk)
+            yield chunk, shape.solid_by_geometry(domain.mass.N, geometry, n, S, derivatives, p[chunk], w[chunk])
 
     def _inertia_weights(self, material, configuration, chunk, rates, split):
         """Return the mass of the tangent times dV, (E, Q), None without any.

@@ -18,11 +18,12 @@ from ..mesh.graph import node_graph
 from ..mesh.read import read_mesh
 from ..output.files import on_root
 from ..phases.fluid import FluidPhase
-from ..phases.mixture import Mixture
+from ..phases.mixture import DirectMixture, QuasiDirectMixture
 from ..phases.setup import FluidSetup, SolidSetup
 from ..phases.solid import SolidPhase
 
 AXES = "xyz"
+MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
 # Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always is.  Measured by
 # scripts/bench_solvers (docs/solvers.md): with tangents renewed in every step both take the same time at about 75 000 nodes, with
 # kept ones MUMPS is the faster up to 84 000 at least.
@@ -182,8 +183,8 @@ def build_coupling(scene, mesh, stopwatch):
     fluid.set_initial(_field(mesh, initial.fluid_velocity), pressure)
     choice = scene.coupling
     common = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
-    if choice.scheme != "partitioned":
-        return MonolithicCoupling(*common, Mixture(solid, fluid, *setups))
+    if choice.scheme in MIXTURES:
+        return MonolithicCoupling(*common, MIXTURES[choice.scheme](solid, fluid, *setups))
 
     def accelerator(dot):
         return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
@@ -194,7 +195,7 @@ def build_coupling(scene, mesh, stopwatch):
 def _split(scene):
     """Return the split of the phases' tangents; those that precondition the monolithic schemes are the corrected ones."""
     choice = scene.coupling
-    if choice.scheme != "partitioned":
+    if choice.scheme in MIXTURES:
         return "corrected"
     return "scaled" if choice.mass_scaling is not None else choice.split
 
