@@ -7,7 +7,7 @@ from ..errors import ConvergenceError
 # A residual below this part of the largest force of the run is round-off (measured at rest under a prescribed pressure: 1.2e-15).
 ROUND_OFF = 1e-13
 # A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py).
-SLOW, WARM_UP = 0.65, 4
+SLOW, WARM_UP = 0.45, 4
 
 
 class Convergence:

@@ -10,7 +10,7 @@ from .medium import PorousMedium
 # permeability: at grid scale the fixed-stress Laplacian is up to twice the discrete answer of the skeleton), so the best
 # factor is near 1.2; the plain split's go far below -1 and want a small one.
 GUARDS = {"corrected": (0.9, 1.3), "plain": (0.05, 1.6)}
-PATIENCE = 3  # sweeps between two renewals of lagged tangents within a step
+PATIENCE = 2  # sweeps between two renewals of lagged tangents within a step
 
 
 class PorousCoupling(PorousMedium):
@@ -55,8 +55,7 @@ class PorousCoupling(PorousMedium):
         fluid, solid = self.fluid, self.solid
         before = self._unknowns
         fluid.correct(fluid_residuals)
-        left = fluid.residual(solid.skeleton())[0].total
-        solid.correct(solid.residual(fluid.flow()).total + left)
+        solid.correct(solid.residual(fluid.flow()).total + fluid.momentum_imbalance(solid.skeleton()))
         if iteration == 0:
             return
         after = self._unknowns

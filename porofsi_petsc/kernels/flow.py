@@ -68,6 +68,7 @@ class FlowPoints:
     acceleration: np.ndarray
     grad_p: np.ndarray
     w: np.ndarray
+    balance: np.ndarray
     residual: np.ndarray
 
 
@@ -86,12 +87,12 @@ def flow_points(el, f):
     if el.convection:
         acceleration = acceleration + el.rho[..., None] * (grad_v @ c[..., None])[..., 0]
     w = el.N @ (f.v - f.v_s)
-    residual = acceleration + el.n[..., None] * grad_p + el.S[..., None] * w - el.rho[..., None] * f.b
+    residual = balance = acceleration + el.n[..., None] * grad_p + el.S[..., None] * w - el.rho[..., None] * f.b
     if el.mu and el.hessian is not None:
         second = np.einsum("eaij,eak->eijk", el.hessian, f.v)
         divergence = np.einsum("eiik->ek", second) + np.einsum("eijj->ei", second)
         residual = residual - (el.n * el.mu)[..., None] * divergence[:, None]
-    return FlowPoints(c, grad_v, acceleration, grad_p, w, residual)
+    return FlowPoints(c, grad_v, acceleration, grad_p, w, balance, residual)
 
 
 def flow_residual(el, f):
@@ -102,25 +103,40 @@ def flow_residual(el, f):
     n = el.n[..., None]
     pressure, drag, body = n * x.grad_p, el.S[..., None] * x.w, -el.rho[..., None] * f.b
     div_vs = np.einsum("eqii->eq", _nodal_gradient(G, f.v_s))
-    div_v = np.einsum("eqii->eq", x.grad_v)
     values = np.concatenate([x.acceleration, pressure, drag, body, np.broadcast_to(div_vs, dV.shape)[..., None]], axis=-1)
     valued = test_value(el.N, dV, values)
     momentum = np.zeros((len(MOMENTUM_TERMS), *f.v.shape))
     for i in range(4):
         momentum[i] = valued[..., i * d : (i + 1) * d]
-    if el.mu:
-        viscous = (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
-        momentum[4] = test_gradient(G, dV, viscous)
-    if el.convection:
-        supg = (el.tau_supg * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
-        lsic = el.n * el.nu_lsic * (div_vs + el.n * (div_v - div_vs))
-        momentum[5] = test_gradient(G, dV, supg + lsic[..., None, None] * np.eye(d))
+    for i, flux in enumerate(_momentum_fluxes(el, f, x)):
+        momentum[4 + i] = test_gradient(G, dV, flux)
     volume = np.empty((len(VOLUME_TERMS), *f.p.shape))
     volume[0] = valued[..., -1]
     fluxes = np.stack([-n * x.w, (el.tau * el.n)[..., None] * x.residual], axis=-2)
     volume[1:3] = np.moveaxis(test_gradient(G, dV, fluxes), -1, 0)
     volume[3] = undrained_residual(el, f.dp)
     return momentum, volume
+
+
+def momentum_imbalance(el, f):
+    """Return the sum of the momentum terms of `flow_residual`, (E, A, d) [N]."""
+    x = flow_points(el, f)
+    total = test_value(el.N, el.geometry.dV, x.balance)
+    for flux in _momentum_fluxes(el, f, x):
+        total = total + test_gradient(el.geometry.G, el.geometry.dV, flux)
+    return total
+
+
+def _momentum_fluxes(el, f, x):
+    """Yield what is tested with ∇w, (E, Q, d, d) [Pa]: viscous stress, then SUPG and LSIC; a term left out is zero."""
+    d = el.geometry.G.shape[-1]
+    if el.mu or el.convection:
+        yield (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
+    if el.convection:
+        supg = (el.tau_supg * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
+        div_vs, div_v = (np.einsum("eqii->eq", gradient) for gradient in (_nodal_gradient(el.geometry.G, f.v_s), x.grad_v))
+        lsic = el.n * el.nu_lsic * (div_vs + el.n * (div_v - div_vs))
+        yield supg + lsic[..., None, None] * np.eye(d)
 
 
 def undrained_gradient(el):

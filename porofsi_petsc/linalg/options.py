@@ -62,11 +62,6 @@ def set_defaults(prefix: str, defaults: Mapping[str, object]) -> None:
             database.setValue(full, None if value is None else str(value))
 
 
-def given_by_user(name: str) -> bool:
-    """Return whether an option is in the database and is not a default of the package."""
-    return name not in _defaults and name in _petsc().Options().getAll()
-
-
 def unused_options(exempt_prefixes: Iterable[str] = ()) -> list[str]:
     """Return the options of the scene and the command line that PETSc has not asked for on any rank (collective)."""
     from .compat import option_used

@@ -8,7 +8,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import ConvergenceError, InputError
-from . import options
 from .options import has_package, set_defaults
 
 REUSE_FACTOR = 1.5
@@ -95,11 +94,6 @@ class LinearSolver:
         if matrix_changed:
             self._changed = True
             self._rebuild = self._rebuild or self.direct or self._worn()
-
-    def set_tolerance(self, rtol: float) -> None:
-        """Set the relative tolerance where the user has not set one."""
-        if not options.given_by_user(self.prefix + "ksp_rtol"):
-            self.ksp.setTolerances(rtol=rtol)
 
     def refactor(self) -> None:
         """Build the preconditioner, or the factor, anew at the next solve."""

@@ -12,8 +12,6 @@ from ..linalg.matrix import CooMatrix
 from ..linalg.solver import LinearSolver
 from ..stopwatch import Stopwatch
 
-LOOSEST, TIGHTEST = 1e-5, 1e-13  # relative tolerances of the fluid's linear solver
-
 
 @dataclass(frozen=True)
 class PhaseSetup:
@@ -111,26 +109,6 @@ class FluidSetup(PhaseSetup):
         """Return a copy of (n_owned, d) whose prescribed rows, walls included, are zero."""
         n, d = owned.shape
         return np.where(self.mask[:n, :d], 0.0, owned)
-
-    @cached_property
-    def extent(self):
-        """Return the longest side of the bounding box [m] (collective)."""
-        mesh = self.domain.mesh
-        corners = mesh.X.min(axis=0, initial=np.inf), mesh.X.max(axis=0, initial=-np.inf)
-        low, high = zip(*mesh.comm.allgather(corners), strict=True)
-        return float((np.max(high, axis=0) - np.min(low, axis=0)).max())
-
-    def linear_tolerance(self, rates):
-        """Return the relative tolerance that leaves the coupling iteration as it is with a direct solver (collective at first).
-
-        A sweep starts with the drag S Δv_s of the skeleton's last change, N = S c_v/(ρ_s c_a + E_c/L²) times the force that
-        caused it; what the solver leaves of it acts on the skeleton.  Tested in tests/test_solvers.py.
-        """
-        worst = 0.0
-        for material in self.materials.values():
-            stiffness = material.rho_s * rates.c_a + material.elastic.oedometer_modulus / self.extent**2
-            worst = max(worst, float(material.drag(np.ones(1))[0]) * rates.c_v / stiffness)
-        return max(LOOSEST / max(1.0, worst), TIGHTEST)
 
     def new_solver(self, matrix, components):
         """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner."""
