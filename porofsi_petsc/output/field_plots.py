@@ -48,9 +48,9 @@ def _signed_square(values):
 
 
 def deformation_scale(snapshots, surface):
-    """Return the factor, rounded to one digit, that draws the largest displacement as 5 % of the domain."""
+    """Return the factor, rounded to one digit, that draws the largest displacement as 5 % of the domain; never less than 1."""
     largest = max(np.linalg.norm(displacement(s, surface)[surface.nodes], axis=1).max() for s in snapshots)
-    return significant(DRAWN_SHARE * surface.size / largest) if largest > 0 else 1.0
+    return max(1.0, significant(DRAWN_SHARE * surface.size / largest)) if largest > 0 else 1.0
 
 
 def displacement(snapshot, surface):
@@ -95,7 +95,8 @@ def draw_field(figure, snapshots, values, surface, label, magnification):
 
 
 def _caption(magnification, equal, surface):
-    text = f"displacements drawn {plain(magnification)} times their size; outline: undeformed"
+    size = "true to size" if magnification == 1 else f"drawn {plain(magnification)} times their size"
+    text = f"displacements {size}; outline: undeformed"
     if surface.dim == 3:
         text += ", " + r" $\times$ ".join(f"{extent:.4g}" for extent in np.ptp(surface.points, axis=0)) + " m"
         if surface.cut > surface.points[:, 1].min():
