@@ -43,12 +43,22 @@ def difference(coupling):
     return np.column_stack(columns)
 
 
+def in_physical_variables(mixture, matrix, d):
+    """Return the matrix by (y, v, p): without scales, v = w + tie y, and the skeleton's rows without those of the fluid."""
+    n, m = len(matrix) // (2 * d + 1), 2 * d + 1
+    K = matrix.reshape(n, m, n, m) / mixture._rows[:, None, None] / mixture._columns
+    tie = np.where(mixture._free_velocity, mixture._tie, 0.0)[:n]
+    K[..., :d] -= tie * K[..., d : 2 * d]
+    K[:, :d] -= mixture._added[:n][..., None, None] * K[:, d : 2 * d]
+    return K.reshape(n * m, n * m)
+
+
 def block_errors(coupling, rates):
     """Return the largest error of every block (rows, columns among y, v, p) of the mixture's matrix over its largest entry."""
     mixture, d = coupling.mixture, coupling.solid.mesh.dim
     expected = difference(coupling)
     mixture.assemble(rates)
-    matrix, free = dense(mixture._matrix.mat), ~mixture._mask.ravel()
+    matrix, free = in_physical_variables(mixture, dense(mixture._matrix.mat), d), ~mixture._mask.ravel()
     component = np.tile(np.arange(2 * d + 1), len(free) // (2 * d + 1))
     fields = {"y": component < d, "v": (component >= d) & (component < 2 * d), "p": component == 2 * d}
     errors = {}

@@ -61,6 +61,11 @@ class PorousMedium:
         """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
         return {"solid": self.solid, "fluid": self.fluid}
 
+    @property
+    def solvers(self):
+        """Return the `LinearSolver`s whose times add up to that of all solves."""
+        return [block.solver for block in self.blocks.values() if block.solver]
+
     # -- what the run looks at --------------------------------------------------------------------------------------------
 
     def collocated(self):

@@ -14,7 +14,12 @@ class MonolithicCoupling(PorousMedium):
     @property
     def blocks(self):
         """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
-        return {"mixture": self.mixture}
+        return super().blocks | {"mixture": self.mixture}
+
+    @property
+    def solvers(self):
+        """Return the mixture's solver, whose time contains those of the phases."""
+        return [self.mixture.solver] if self.mixture.solver else []
 
     def _begin(self, rates, accepted):
         """Do nothing: the predictors are the phases'."""

@@ -69,6 +69,15 @@ def solid_defaults(dim: int, direct: bool, symmetric: bool = True) -> dict[str, 
     return {"ksp_type": "cg" if symmetric else "gmres", "ksp_rtol": 1e-4, "ksp_max_it": 1000, "pc_type": "gamg"}
 
 
+def mixture_defaults(direct: bool) -> dict[str, object]:
+    """Return the option defaults of the matrix of both phases: a factorization, or FGMRES around one sweep over the phases.
+
+    rtol : Newton's next iteration starts where the solver ends, 1e-6 of the residual, which is the coupling's tolerance.
+    """
+    factor = direct_defaults() if direct else None
+    return factor or {"ksp_type": "fgmres", "ksp_rtol": 1e-6, "ksp_max_it": 200, "ksp_gmres_restart": 100, "pc_type": "python"}
+
+
 def fluid_fields(comm, first_node: int, n_owned_nodes: int, dim: int, block_size: int, prefix: str = "fluid_"):
     """Return the index sets (dict name -> PETSc.IS) of "v", the velocity, and "p", the pressure with its auxiliary field.
 

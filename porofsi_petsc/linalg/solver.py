@@ -33,6 +33,7 @@ class LinearSolver:
     near_nullspace : arrays of the owned rows (`rigid_body_modes`), for algebraic multigrid
     fields         : dict name -> PETSc.IS, the splits of a FieldSplit preconditioner; "p" gets the scaled constants as its
                      near-null space (`pressure_pc`)
+    preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no -pc_python_type is given
 
     Reuse rule.  After `update` an iterative solver keeps its old preconditioner as long as the last solve took at most
     1.5 n + 2 iterations, n the number at the first solve after it was built; then, or when a solve with it fails, it is
@@ -52,6 +53,7 @@ class LinearSolver:
         defaults: Mapping[str, object],
         near_nullspace: Sequence[np.ndarray] | None = None,
         fields: Mapping[str, PETSc.IS] | None = None,
+        preconditioner: object | None = None,
     ):
         self.matrix, self.prefix = matrix, prefix
         self.iterations: list[int] = []
@@ -67,6 +69,8 @@ class LinearSolver:
         self._pressure = fields.get("p") if fields else None
         self._constants = _pressure_constants(matrix, prefix, self._pressure)
         self.ksp = _make_ksp(matrix, prefix, fields)
+        if preconditioner and self.ksp.getPC().getType() == PETSc.PC.Type.PYTHON and not self.ksp.getPC().getPythonType():
+            self.ksp.getPC().setPythonContext(preconditioner)
         _living.append(self)
 
     @property

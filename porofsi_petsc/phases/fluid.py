@@ -208,11 +208,15 @@ class FluidPhase:
     def correct(self, residuals):
         """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
         momentum, volume = residuals
+        self.add(self.solve(-np.column_stack([momentum.total, volume.total])))
+
+    def solve(self, rhs):
+        """Return δ with H δ = rhs, both (n_owned, d + 1): [N] and [m³/s] to [m/s] and [Pa] on the collocation level."""
         n, d = self.mesh.n_owned, self.mesh.dim
-        rhs = np.zeros((n, self.components))
-        rhs[:, :d], rhs[:, d : d + 1] = -momentum.total, -volume.total
-        increment = self._solver.solve(rhs.ravel()).reshape(n, self.components)
-        self.add(np.where(self._setup.mask[:n], 0.0, increment)[:, : d + 1])  # see `SolidPhase.correct`
+        padded = np.zeros((n, self.components))
+        padded[:, : d + 1] = rhs
+        increment = self._solver.solve(padded.ravel()).reshape(n, self.components)
+        return np.where(self._setup.mask[:n], 0.0, increment)[:, : d + 1]  # see `SolidPhase.solve`
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d + 1), to the trial state."""
@@ -253,7 +257,7 @@ class FluidPhase:
             yield chunk, exchange.flow_by_skeleton(elements, _part(fields, chunk), rates.c_v, moving)
 
     def shape_tangents(self, skeleton):
-        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the geometry of the moving mesh) of the trial state."""
+        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the moving mesh's geometry) of the trial state."""
         domain, fields = self.domain, self._trial_fields(skeleton)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
@@ -262,6 +266,17 @@ class FluidPhase:
             positions = (self.mesh.X + skeleton.displacement)[domain.cells[chunk]]
             affine = affine_gradients(domain.element, positions)
             yield chunk, shape.flow_by_geometry(elements, _part(fields, chunk), derivatives, affine)
+
+    def dragged_fraction(self, skeleton, rates):
+        """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a node's elements (collective)."""
+        domain, shape_of_nodes = self.domain, self.domain.cells.shape
+        chi = np.empty(domain.n_cells)
+        for region, span in domain.region_slices.items():
+            material, J = self._setup.materials[region], skeleton.configuration.J[span]
+            rho = material.fluid_fraction(J) * material.rho_fR
+            chi[span] = rates.dragged_fraction(material.drag(J), rho).mean(axis=1)
+        total, count = (domain.scatter_add(np.broadcast_to(x, shape_of_nodes)) for x in (chi[:, None], 1.0))
+        return self.mesh.halo.extend(total / count)[:, 0]
 
     def _add_skeleton_answer(self, values, elements, material, rates, chunk):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure gradient the skeleton feels."""

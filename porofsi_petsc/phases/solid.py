@@ -179,8 +179,12 @@ class SolidPhase:
 
     def correct(self, residual):
         """Solve H δ = -residual, (n_owned, d) [N], and add δ to the trial state: one Newton step of the block."""
-        increment = self._solver.solve(-residual.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
-        self.add(self._setup.dirichlet.free(increment))  # multigrid moves prescribed nodes within its tolerance
+        self.add(self.solve(-residual))
+
+    def solve(self, rhs):
+        """Return δ with H δ = rhs, both (n_owned, d): [N] to [m] on the collocation level."""
+        increment = self._solver.solve(rhs.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
+        return self._setup.dirichlet.free(increment)  # multigrid moves prescribed nodes within its tolerance
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d), to the trial state."""
@@ -223,7 +227,7 @@ class SolidPhase:
             yield chunk, exchange.solid_by_flow(self.domain.mass.N, configuration.geometry.part(chunk), n, S)
 
     def shape_tangents(self, flow):
-        """Yield (chunk, derivative (E, A, d, A, d) of the residual by the geometry of the moving mesh) of the trial state."""
+        """Yield (chunk, derivative (E, A, d, A, d) of the residual by the moving mesh's geometry) of the trial state."""
         domain, configuration = self.domain, self.skeleton().configuration
         p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
         for region, chunk in domain.chunks(self._doubles_per_cell):

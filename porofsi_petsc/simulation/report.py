@@ -32,7 +32,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
         "time_end": loop.clock.t,
-        "wall_time": _wall_time(comm, stopwatch, blocks.values()),
+        "wall_time": _wall_time(comm, stopwatch, coupling.solvers),
         "coupling_iterations": {"mean": iterations.mean(), "max": iterations.max(), "total": iterations.sum()},
         "linear_iterations": {name: _linear_iterations(blocks.get(name)) for name in BLOCKS},
         "assemblies": {name: blocks[name].assemblies if name in blocks else 0 for name in BLOCKS},
@@ -53,8 +53,7 @@ def _unknowns(mesh, fluid):
     return {"displacement": n * d, "fluid_velocity": n * d, "pressure": n, "auxiliary": n * (fluid.components - d - 1)}
 
 
-def _wall_time(comm, stopwatch, blocks):
-    solvers = [block.solver for block in blocks if block.solver]
+def _wall_time(comm, stopwatch, solvers):
     seconds = {name: stopwatch.seconds[name] for name in ("setup", "assembly", "residual", "output")}
     seconds["factorization"] = sum(solver.setup_time for solver in solvers)
     seconds["solve"] = sum(solver.solve_time for solver in solvers)

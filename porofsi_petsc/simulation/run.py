@@ -44,9 +44,9 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
         summary = _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, max_time)
     finally:
         stop_log()
-    for phase in (coupling.fluid, coupling.solid):
-        if phase.solver:
-            phase.solver.destroy()
+    for block in coupling.blocks.values():
+        if block.solver:
+            block.solver.destroy()
     return summary
 
 
