@@ -16,12 +16,9 @@ FIELDS = Fields(
     p=GROWTH * sp.cos(1.2 * x + 0.7 * y),
 )
 TIME = ("time.end=0.5", "time.step=0.05", "time.rho_inf=0.0", "coupling.scheme=direct", "coupling.tolerance=1e-8")
-FIXED = (
-    "model.moving_mesh=false",
-    "model.porosity=constant",
-    "material.0.permeability.law=constant",
-    "limits.mesh_displacement=report",
-)
+CONSTANT = ("model.porosity=constant", "material.0.permeability.law=constant")
+FIXED = ("model.moving_mesh=false", "limits.mesh_displacement=report")
+CONVECTION = ("model.convection=true",)
 DARCY = ("model.fluid_inertia=false",)
 BRINKMAN = ("model.viscosity=true",)
 STATIC = ("model.solid_inertia=false",)
@@ -55,15 +52,20 @@ def of_medium(truth, scene):
     return errors(truth, scene.time.end, coupling.solid, coupling.fluid)
 
 
-# Theory on general meshes, k the order of the element: u k + 1; Darcy: p k + 1 and v_f, which carries ∇p, k, with and without
-# inertia; Brinkman with PSPG: v_f k + 1, p k.
+# Theory on general meshes for elements of order 1 and 2: u 2 and 3; Darcy: p 2 and 3, and v_f, which carries ∇p, 1 and 2, with
+# or without inertia; Brinkman with PSPG: v_f 2 and 3, p 1 and 2.  Two inconsistencies of the stabilization lower it
+# (docs/manufactured.md): the viscous part of the strong residual on curved elements and in variable porosity, of order h² in the
+# volume balance, and LSIC in variable porosity, of order h.
 CASES = {
-    "skeleton, static": (of_solid, STATIC, {"u": 1}),
-    "skeleton, dynamic": (of_solid, (), {"u": 1}),
-    "fluid, Darcy": (of_fluid, DARCY, {"v_f": 0, "p": 1}),
-    "fluid, Darcy with inertia": (of_fluid, (), {"v_f": 0, "p": 1}),
-    "fluid, Brinkman, fixed mesh": (of_fluid, (*BRINKMAN, *FIXED), {"v_f": 1, "p": 0}),
-    "medium": (of_medium, (), {"u": 1, "v_f": 0, "p": 1}),
+    "skeleton, static": (of_solid, STATIC, {"u": (2, 3)}),
+    "skeleton, dynamic": (of_solid, (), {"u": (2, 3)}),
+    "fluid, Darcy": (of_fluid, DARCY, {"v_f": (1, 2), "p": (2, 3)}),
+    "fluid, Darcy with inertia": (of_fluid, (), {"v_f": (1, 2), "p": (2, 3)}),
+    "fluid, convection, constant porosity": (of_fluid, (*CONVECTION, *CONSTANT), {"v_f": (1, 2), "p": (2, 3)}),
+    "fluid, convection, variable porosity": (of_fluid, CONVECTION, {"v_f": (1, 1), "p": (1, 1)}),
+    "fluid, Brinkman, fixed mesh": (of_fluid, (*BRINKMAN, *CONSTANT, *FIXED), {"v_f": (2, 3), "p": (1, 2)}),
+    "fluid, Brinkman, moving mesh": (of_fluid, BRINKMAN, {"v_f": (2, 2), "p": (1, 1)}),
+    "medium": (of_medium, (), {"u": (2, 3), "v_f": (1, 2), "p": (2, 3)}),
 }
 CELLS = {1: (16, 32), 2: (8, 16)}
 # On these meshes the leading term of the error is not alone yet, and the meshes are not similar to each other.
@@ -76,8 +78,8 @@ def test_order_in_space(case, order):
     measure, options, theory = CASES[case]
     truth = solution(options)
     found = orders([measure(truth, scene(order, cells, options)) for cells in CELLS[order]])
-    for name, above in theory.items():
+    for name, expected in theory.items():
         error, rate = found[name]
-        print(f"P{order} {case}: {name} errors {error}, order {rate[-1]:.2f}, theory {order + above}")
-        assert rate[-1] > order + above - SLACK
+        print(f"P{order} {case}: {name} errors {error}, order {rate[-1]:.2f}, theory {expected[order - 1]}")
+        assert rate[-1] > expected[order - 1] - SLACK
         assert np.all(error < 0.5)
