@@ -17,6 +17,8 @@ TALBOT_NODES = 18  # 0.6 of it are the digits of the inversion (Abate & Whitt 20
 DECAY = 6.5  # ξ √(c_v t) beyond which e^(-ξ² c_v t) changes no digit
 PANEL_POINTS, PANEL_PHASE = 16, 10.0  # Gauss points over a phase [rad] of cos(ξ x) sin(ξ a): all digits
 
+BLOCK = 1000  # points at once, which bounds the memory
+
 
 @dataclass(frozen=True)
 class StripFooting:
@@ -30,12 +32,14 @@ class StripFooting:
 
     def pressure(self, x, z, t):
         """Return p at points x, z (n,) [m] (x from the axis, z the depth) and a time t > 0 [s]: (n,) [Pa]."""
-        a = self.half_width
-        x, depths, where = np.abs(x) / a, *np.unique(np.asarray(z) / a, return_inverse=True)
-        T = self.diffusivity * t / a**2
-        xi, weights = _wave_numbers(T, x.max() + 1)
-        amplitude = self._amplitude(xi, depths, T) * (weights * 2 * np.sin(xi) / (np.pi * xi))
-        return self.load * np.einsum("nk,nk->n", amplitude[where.reshape(-1)], np.cos(np.multiply.outer(x, xi)))
+        across, at_x = np.unique(np.abs(x) / self.half_width, return_inverse=True)
+        depths, at_z = np.unique(np.asarray(z) / self.half_width, return_inverse=True)
+        T = self.diffusivity * t / self.half_width**2
+        xi, weights = _wave_numbers(T, across[-1] + 1)
+        amplitude = self._amplitude(xi, depths, T) * (weights * 2 * self.load * np.sin(xi) / (np.pi * xi))
+        cosine = np.cos(np.multiply.outer(across, xi))
+        blocks = np.array_split(np.arange(at_x.size), at_x.size // BLOCK + 1)
+        return np.concatenate([np.einsum("nk,nk->n", amplitude[at_z[rows]], cosine[at_x[rows]]) for rows in blocks])
 
     def _amplitude(self, xi, z, T):
         """Return p(ξ, z, T) under a load P_0 cos(ξ x) of unit size, ξ (k,) and z (m,) in units of a: (m, k)."""

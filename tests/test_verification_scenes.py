@@ -1,0 +1,80 @@
+"""What the exact scenes take from outside agrees with the exact solutions: tables, listed values, errors over the mesh."""
+
+import sys
+
+import numpy as np
+import pytest
+from running import ROOT, Job, run_here
+
+from porofsi_petsc import load_scene
+from porofsi_petsc.config.tables import table
+from porofsi_petsc.errors import InputError
+from porofsi_petsc.exact import Mandel, StripFooting
+from porofsi_petsc.simulation.reference import _Soil
+
+sys.path.insert(0, str(ROOT / "scripts"))
+
+
+def soil(scene):
+    """Return λ, μ and c_v of a scene's material."""
+    found = _Soil.of(scene)
+    return found.lam, found.mu, found.diffusivity
+
+
+def test_the_plate_of_mandel_moves_as_the_exact_one():
+    scene = load_scene("mandel")
+    slab = Mandel(scene.reference.load * scene.reference.length, scene.reference.length, *soil(scene))
+    height = scene.mesh.y.points[-1]
+    _, value = table(scene.boundary[3].displacement.y.source, None)
+    times = np.geomspace(scene.time.step, scene.time.end, 40)
+    exact = [slab.displacement_y(height, t) for t in times]
+    assert value(times, None) == pytest.approx(exact, rel=1e-4)  # linear between rows 5 % apart
+    assert value(0.0, None) == 0.0
+    for expect in (e for e in scene.expect if e.quantity == "centre.p"):
+        assert slab.pressure(np.zeros(1), expect.at)[0] == pytest.approx(expect.value, rel=1e-6)  # digits of the scene
+
+
+def test_the_values_of_the_strip_are_the_exact_ones():
+    scene = load_scene("strip_footing")
+    strip = StripFooting(scene.reference.load, scene.reference.length, *soil(scene))
+    for expect in scene.expect:
+        if expect.quantity == "centre.u_y":
+            exact = strip.settlement_increment(0.0, expect.since) - strip.settlement_increment(0.0, expect.at)
+            assert exact[0] == pytest.approx(expect.value, rel=1e-4)  # digits of the scene
+        if expect.quantity == "depth1.p":
+            exact = strip.pressure(np.zeros(1), np.ones(1), expect.at)
+            assert exact[0] == pytest.approx(expect.value, rel=1e-5)
+
+
+def test_the_error_of_a_field_is_its_distance_in_l2(tmp_path):
+    """At rest under no load the exact fields of a load are missed by their whole size."""
+    quiet = ("boundary.2.traction.y=0.0", "boundary.2.pressure=0.0", "time.end=0.01", "mesh.y.cells=[2]")
+    summary = run_here(Job("drained_column", str(tmp_path / "run"), quiet))
+    assert summary["errors"] == [{"at": 0.01, "t": 0.01, "u": pytest.approx(1.0, rel=1e-12), "p": 0.0}]  # round-off
+
+
+def test_errors_survive_a_restart(tmp_path):
+    base = ("reference.times=[0.002, 0.004]", "time.growth=1.0", "output.checkpoint_every=2")
+    whole = run_here(Job("terzaghi", str(tmp_path / "whole"), (*base, "time.end=0.012")))["errors"]
+    run_here(Job("terzaghi", str(tmp_path / "half"), (*base, "time.end=0.008")))
+    restart = str(tmp_path / "half" / "checkpoint.h5")
+    again = run_here(Job("terzaghi", str(tmp_path / "half"), (*base, "time.end=0.012"), restart=restart))["errors"]
+    assert [record["at"] for record in again] == [0.002, 0.004, 0.008, 0.012]
+    assert [again[0], again[1], again[3]] == whole
+
+
+@pytest.mark.parametrize(
+    "override, words",
+    [
+        ("reference.load=-1.0", "expected a number > 0"),
+        ("reference.frequency=1.0", "'terzaghi' has none"),
+        ("reference.solution=column_harmonic", "which 'column_harmonic' needs"),
+        ("reference.times=[2.0, 1.0]", "expected increasing numbers"),
+        ("expect.0.at=0.7", "expected one of reference.times"),
+        ("expect.0.since=0.7", "expected a time before"),
+        ("probe.0.name=error", "probe named 'error'"),
+    ],
+)
+def test_a_wrong_reference_is_refused(override, words):
+    with pytest.raises(InputError, match=words):
+        load_scene("terzaghi", (override,))
