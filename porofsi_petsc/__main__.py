@@ -170,6 +170,44 @@ def info(file):
     click.echo(describe(file))
 
 
+@cli.group()
+def study():
+    """Make the tables of docs/studies again; a study goes on where it was stopped."""
+
+
+def study_options(name):
+    """Return the decorator with the options of a study: where it writes, a sample of it, all of it anew."""
+    directory = click.Path(path_type=Path, file_okay=False)
+    options = [
+        click.option("--output", type=directory, default=Path("results/studies"), metavar="DIR", help="Default results/studies."),
+        click.option("--quick", is_flag=True, help="A sample of it, in seconds."),
+        click.option("--force", is_flag=True, help="All cases anew, also those in DIR."),
+        click.pass_context,
+    ]
+
+    def decorate(command):
+        for option in reversed(options):
+            command = option(command)
+        return study.command(name=name)(command)
+
+    return decorate
+
+
+def _alone(context):
+    """Start MPI and refuse more than one rank."""
+    if _join(context).comm.size > 1:
+        raise InputError("a study runs on one rank, which its wall times are about: start it without mpirun")
+
+
+@study_options("coupling")
+def study_coupling(context, output, quick, force):
+    """Coupling iterations over permeability, step, mesh, order, strain and accelerator: 40 minutes on one core."""
+    _alone(context)
+    from .studies.coupling import study as make
+
+    make(output, quick, force, click.echo)
+
+
 def main():
     """Enter from the console script."""
     cli(prog_name="porofsi")

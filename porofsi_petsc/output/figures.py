@@ -64,7 +64,7 @@ def _field_figures(directory, settings):
         if all(name in s.shapes for s in snapshots):
             values = [values_of(s, surface) for s in snapshots]
             path = directory / f"{name}.png"
-            written.append(_save(path, draw_field, snapshots, values, surface, label, magnification))
+            written.append(save_figure(path, draw_field, snapshots, values, surface, label, magnification))
     return written
 
 
@@ -100,20 +100,20 @@ def _history_figures(directory, settings):
     history = read_history(directory / HISTORY)
     if len(history["t"]) < 2:
         return []
-    written = [_save(directory / "histories.png", draw_histories, history)]
+    written = [save_figure(directory / "histories.png", draw_histories, history)]
     probes = [name for name in settings.get("paths", []) if f"{name}.u_x" in history and f"{name}.u_y" in history]
     if probes:
-        written.append(_save(directory / "paths.png", draw_paths, history, probes))
+        written.append(save_figure(directory / "paths.png", draw_paths, history, probes))
     return written
 
 
 def _reference_figure(directory):
     if not (directory / PROFILES).is_file():
         return []
-    return [_save(directory / "reference.png", draw_profiles, read_profiles(directory / PROFILES))]
+    return [save_figure(directory / "reference.png", draw_profiles, read_profiles(directory / PROFILES))]
 
 
-def _save(path, draw, *arguments):
+def save_figure(path, draw, *arguments):
     """Draw into a figure of its own, without pyplot, and write it atomically; return its path."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,0 +1,30 @@
+"""Figures of the studies: heat maps of iterations, clouds of error over cost."""
+
+import numpy as np
+
+PANEL = 3.2  # [inch]
+STRONG = 15  # iterations at which the colour ends
+
+
+def draw_heat_maps(figure, panels, columns, rows):
+    """Draw one heat map per panel: title -> values (rows, columns); empty where NaN, a cross where infinite."""
+    across = min(len(panels), 4)
+    down = -(-len(panels) // across)
+    figure.set_size_inches(PANEL * across + 0.8, PANEL * down + 0.4)
+    axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+    for ax, (title, values) in zip(axes.flat, panels.items(), strict=False):
+        image = ax.imshow(np.minimum(values, STRONG), cmap="viridis_r", vmin=1, vmax=STRONG, aspect="auto")
+        for (i, j), value in np.ndenumerate(values):
+            if not np.isnan(value):
+                text = f"{value:.0f}" if np.isfinite(value) else "×"
+                ax.text(j, i, text, ha="center", va="center", fontsize=7, color="w" if value > 0.6 * STRONG else "k")
+        ax.set_title(title)
+        ax.set_xticks(range(len(columns)), columns, rotation=60)
+        ax.set_yticks(range(len(rows)), rows)
+    for ax in axes.flat[len(panels) :]:
+        ax.set_visible(False)
+    for ax in axes[-1]:
+        ax.set_xlabel("$k_f$ [m/s]")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("$\\Delta t$ [s]")
+    figure.colorbar(image, ax=axes, label="largest iterations of a step", shrink=0.8)

@@ -1,0 +1,64 @@
+"""Scenes of the studies as dictionaries: one soil, and a block of it that is loaded on half of its drained top."""
+
+from ..config import Scene
+from ..exact.confined import UNIAXIAL
+
+LAME = {"lambda": 8.375e6, "mu": 5.583e6}  # [Pa]
+POROSITY, SIZE = 0.33, 10.0  # [-], edge of the block [m]
+SMALL_LOAD = 3e3  # [Pa], 0.015 % drained compression
+COMPRESSION = 0.2  # drained, of the large-strain cases [-]
+REPORT_ALL = {name: "report" for name in ("strain", "mesh_displacement", "reynolds", "inertia")}
+
+
+def confined_load(law, J, n_s0=1 - POROSITY):
+    """Return the pressure [Pa] under which the soil, laterally confined and drained, rests at the volume ratio J."""
+    return -float(UNIAXIAL[law](J, LAME["lambda"], LAME["mu"], n_s0))
+
+
+def material(k, law="linear_elastic", stiffness=1.0, porosity=POROSITY, grains=2000.0, region="body"):
+    """Return a [[material]] of permeability k [m/s], Lamé parameters times a stiffness factor, grain density [kg/m³]."""
+    return {
+        "region": region,
+        "porosity": porosity,
+        "solid": {"law": law, "density": grains} | {name: stiffness * value for name, value in LAME.items()},
+        "fluid": {"density": 1000.0, "specific_weight": 1e4},
+        "permeability": {"law": "constant", "k": k},
+    }
+
+
+def layers(number):
+    """Return the regions of a number of equal horizontal layers, from below: layer0, layer1, ..."""
+    height = SIZE / number
+    return [{"name": f"layer{i}", "y": [i * height, (i + 1) * height]} for i in range(number)]
+
+
+def mesh(cells, order=1, dim=2, regions=()):
+    """Return a block of (even) cells in each direction, one half of its top the patch `load`."""
+    half = {"points": [0.0, SIZE / 2, SIZE], "cells": [cells // 2, cells // 2]}
+    height = {"points": [SIZE * i / max(len(regions), 1) for i in range(max(len(regions), 1) + 1)]}
+    height["cells"] = [cells // (len(height["points"]) - 1)] * (len(height["points"]) - 1)
+    patch = {"name": "load", "side": "top", "x": [0.0, SIZE / 2]}
+    common = {"order": order, "patches": [patch], "regions": list(regions), "x": half}
+    if dim == 2:
+        return common | {"kind": "rectangle", "y": height, "diagonal": "alternating"}
+    return common | {"kind": "box", "y": {"points": [0.0, SIZE], "cells": [cells]}, "z": height}
+
+
+def boundary(load, dim=2):
+    """Return rollers at sides and base and a drained top with a pressure `load` (formula, [Pa]) on the patch `load`."""
+    up = "xyz"[dim - 1]
+    sides = {"x": ["left", "right"], "y": ["front", "back"] if dim == 3 else ["bottom"], "z": ["bottom"]}
+    walls = [{"on": sides[axis], "displacement": {axis: 0.0}, "velocity": {axis: 0.0}} for axis in "xyz"[:dim]]
+    return [*walls, {"on": ["top", "load"], "pressure": 0.0}, {"on": "load", "traction": {up: f"-({load})"}}]
+
+
+def model(dynamic=True, finite=False):
+    """Return [model]: with or without inertia; at finite strain the mesh moves, convects and n_s = n_s0/J."""
+    terms = {"solid_inertia": dynamic, "fluid_inertia": dynamic}
+    return terms | ({"moving_mesh": True, "convection": dynamic, "porosity": "variable"} if finite else {})
+
+
+def scene(title, mesh, model, time, materials, boundary, **more):
+    """Return the validated scene of these sections; what a model leaves out is reported, not refused."""
+    sections = {"title": title, "mesh": mesh, "model": model, "time": time, "material": materials, "boundary": boundary}
+    return Scene.model_validate(sections | {"limits": REPORT_ALL} | more)

@@ -1,0 +1,72 @@
+"""Tables of a study: a CSV that grows case by case, so that a study goes on where it was stopped, and markdown rows."""
+
+import csv
+import time
+
+from ..output.files import publish, temporary_name
+
+
+class Table:
+    """The rows of a CSV file, each a dict of texts; the first columns, `keys`, name the case."""
+
+    def __init__(self, path, keys, values, anew=False):
+        """Go on with the file when it is there, unless all is wanted anew; incomplete rows and other columns are dropped."""
+        self.path, self._keys, self._columns, self._rows = path, tuple(keys), [*keys, *values], {}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file() and not anew:
+            with path.open(newline="", encoding="utf-8") as file:
+                rows = [row for row in csv.DictReader(file) if list(row) == self._columns and None not in row.values()]
+            self._rows = {self._name(row): row for row in rows}
+        self._write()
+
+    def _name(self, row):
+        return tuple(as_text(row[key]) for key in self._keys)
+
+    def find(self, case):
+        """Return the row of a case (dict of its keys), None when it has not been run."""
+        return self._rows.get(self._name(case))
+
+    def add(self, row):
+        """Append a row to the file."""
+        texts = {column: as_text(row[column]) for column in self._columns}
+        self._rows[self._name(texts)] = texts
+        with self.path.open("a", newline="", encoding="utf-8") as file:
+            csv.DictWriter(file, self._columns, lineterminator="\n").writerow(texts)
+
+    def _write(self):
+        with temporary_name(self.path).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, self._columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self._rows.values())
+        publish(self.path)
+
+
+def as_text(value):
+    """Return the text of a value in a table: four digits of a float, nothing for None."""
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def sweep(table, cases, run, say=print):
+    """Run the cases that the table does not have, with a line for each; return the rows of all cases in their order.
+
+    cases : objects with `keys` (dict of the table's keys) and a short `label`; run : case -> dict of the other columns.
+    """
+    cases, began = list(cases), time.monotonic()
+    todo = [case for case in cases if table.find(case.keys) is None]
+    if len(todo) < len(cases):
+        say(f"{len(cases) - len(todo)} of {len(cases)} cases are in {table.path}")
+    for done, case in enumerate(todo, start=1):
+        values = run(case)
+        table.add(case.keys | values)
+        left = (time.monotonic() - began) / done * (len(todo) - done)
+        found = ", ".join(f"{name} {as_text(value)}" for name, value in values.items() if as_text(value))
+        say(f"{done}/{len(todo)} {case.label}: {found}; {left:.0f} s left")
+    return [table.find(case.keys) for case in cases]
+
+
+def markdown(header, rows):
+    """Return a markdown table of texts or numbers."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(as_text(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)

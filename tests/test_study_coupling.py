@@ -1,0 +1,76 @@
+"""The study of the coupling: what it writes, that it goes on, what its bars say, and the load of its large-strain cases."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from porofsi_petsc.__main__ import cli
+from porofsi_petsc.studies import coupling, soil
+from porofsi_petsc.studies.trial import attempt
+
+CASE = coupling.Case("uniform", 2, 4, 1, "small", "aitken", 1e-2, 1e-3)
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_quick_study_writes_table_summary_and_picture_and_goes_on(tmp_path):
+    result = CliRunner().invoke(cli, ["study", "coupling", "--quick", "--output", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    rows = rows_of(tmp_path / "coupling.csv")
+    assert len(rows) == 4 and all(not row["failure"] and 1 <= int(row["max"]) <= 15 for row in rows)
+    assert "| uniform | 2 | small | aitken | 4 | 0 |" in (tmp_path / "coupling.md").read_text()
+    assert (tmp_path / "coupling.png").stat().st_size > 0
+    kept = (tmp_path / "coupling.csv").read_text().splitlines()[:3] + ["uniform,2,8"]  # stopped within the third case
+    (tmp_path / "coupling.csv").write_text("\n".join(kept))
+    again = CliRunner().invoke(cli, ["study", "coupling", "--quick", "--output", str(tmp_path)])
+    assert "2 of 4 cases are in" in again.output and len(rows_of(tmp_path / "coupling.csv")) == 4
+
+
+def test_a_case_that_fails_says_so_and_breaks_its_bar():
+    scene = CASE.scene()
+    capped = scene.model_copy(update={"coupling": scene.coupling.model_copy(update={"max_iterations": 1})})
+    outcome = attempt(capped)
+    assert outcome.failure.startswith("coupling did not converge") and outcome.largest == 0 and np.isnan(outcome.mean)
+    row = {key: str(value) for key, value in CASE.keys.items()} | {"mean": "nan", "max": "0", "failure": outcome.failure}
+    report = coupling.report([row])
+    assert "| 1 | 1 | nan | 0 | -, 15 | NO |" in report and outcome.failure in report
+
+
+@pytest.mark.parametrize(("largest", "kept"), [(15, "yes"), (16, "NO")])
+def test_the_bar_of_aitken(largest, kept):
+    row = {key: str(value) for key, value in CASE.keys.items()} | {"mean": "9", "max": str(largest), "failure": ""}
+    assert f"| {largest} | -, 15 | {kept} |" in coupling.report([row])
+
+
+def test_every_case_of_the_study_is_a_scene_of_its_own():
+    cases = coupling.all_cases()
+    assert len(set(cases)) == len(cases)
+    for case in cases[:: len(cases) // 40]:
+        assert case.scene().time.end == pytest.approx(coupling.NUMBER * (case.dt if case.dt != coupling.STATIC else 1.0))
+
+
+def test_large_strain_cases_end_at_twenty_percent_compression():
+    """Loaded on all of its top and drained, the block rests at J = 0.8: the study's load is what it says."""
+    scene = replace(CASE, strain="large", dt=coupling.STATIC, k=1.0).scene()
+    load = soil.confined_load("neo_hookean", 0.8)
+    whole = [b.model_dump(by_alias=True, exclude_none=True) for b in scene.boundary[:2]]
+    whole += [{"on": ["top", "load"], "pressure": 0.0, "traction": {"y": f"-{load!r}*t/6"}}]
+    tops = []
+    loaded = soil.scene(
+        "all of the top",
+        soil.mesh(4),
+        soil.model(False, True),
+        scene.time.model_dump(exclude_none=True),
+        [soil.material(1e4, "neo_hookean")],
+        whole,
+    )
+    outcome = attempt(loaded, lambda coupling: lambda clock, coupling, energy: tops.append(coupling.solid.u[:, 1].min()))
+    assert outcome.failure == "" and len(tops) == coupling.NUMBER
+    # k = 1e4 m/s: a step is 2e5 times the consolidation time, a step of backward Euler leaves 1/5e5 of its pressure
+    assert tops[-1] == pytest.approx(-2.0, rel=1e-5)
