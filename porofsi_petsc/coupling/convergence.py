@@ -5,6 +5,8 @@ from math import isfinite
 from ..errors import ConvergenceError
 
 # A residual below this part of the largest force of the run is round-off (measured at rest under a prescribed pressure: 1.2e-15).
+# The forces on the fluid count with those on the skeleton: n ∇p of a closed body under a load is the round-off of its pressure,
+# and its volume rates, where a scheme knows their weight in forces, that of the skeleton's equilibrium.
 ROUND_OFF = 1e-13
 # A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py).
 SLOW, WARM_UP = 0.45, 4
@@ -18,22 +20,28 @@ class Convergence:
         self.tolerance, self.largest, self.history = tolerance, {}, []
 
     def start_step(self):
-        """Forget the scales of the last step."""
-        self._scales, self.history = {}, []
+        """Forget the scales of the last step; force_per_rate : of the volume balance [N s/m³], infinite where it is not known."""
+        self._scales, self.history, self.force_per_rate = {}, [], float("inf")
 
     def reached(self, norms):
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance."""
         errors = {}
-        for field, (residual, force) in norms.items():
+        for field, (_, force) in norms.items():
             self._scales[field] = max(force, self._scales.get(field, 0.0))
             self.largest[field] = max(force, self.largest.get(field, 0.0))
-            errors[field] = residual / self._scales[field] if residual > ROUND_OFF * self.largest[field] else 0.0
+        for field, (residual, _) in norms.items():
+            errors[field] = residual / self._scales[field] if residual > ROUND_OFF * self._largest_like(field) else 0.0
             if not isfinite(residual):
                 raise ConvergenceError(
                     f"the {field} residual is not finite after {len(self.history)} iterations; try a smaller step"
                 )
         self.history.append(errors)
         return max(errors.values()) <= self.tolerance
+
+    def _largest_like(self, field):
+        """Return the largest force of the run in the unit of a field, or its own largest term."""
+        force = max(norm for other, norm in self.largest.items() if other != "volume")
+        return max(self.largest[field], force / self.force_per_rate) if field == "volume" else force
 
     @property
     def slow(self):

@@ -26,3 +26,4 @@ class MonolithicCoupling(PorousMedium):
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         self.mixture.correct(solid_residual, fluid_residuals, rates)
+        self.convergence.force_per_rate = self.mixture.force_per_rate

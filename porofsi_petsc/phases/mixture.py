@@ -29,6 +29,7 @@ class QuasiDirectMixture:
         d = solid.mesh.dim
         self._mask = np.column_stack([solid_setup.dirichlet.mask, fluid_setup.mask[:, : d + 1]])
         self._free_velocity = ~self._mask[:, d : 2 * d]
+        self._combined = self._free_velocity & ~self._mask[:, :d]
         self._matrix = self.solver = self.rates = None
         self._linear = solid.is_linear and fluid.is_linear
         self.mesh, self.stopwatch, self.assemblies = solid.mesh, solid.stopwatch, 0
@@ -82,7 +83,7 @@ class QuasiDirectMixture:
         d, cells = self.mesh.dim, self._solid.domain.cells
         chi = self._fluid.dragged_fraction(self._solid.skeleton(), self.rates)[:, None]
         velocity_per_position = self._solid.scheme.rates(1.0, 0.0, 0.0, 0.0)[0]
-        self._added = np.where(self._free_velocity, chi, 0.0)
+        self._added = np.where(self._combined, chi, 0.0)
         self._tie = np.where(self._no_slip, velocity_per_position, self.rates.c_v * self._added)
         values[..., :d] += self._tie[cells][:, None, None] * values[..., d : 2 * d]
         values[:, :, :d] += self._added[cells][..., None, None] * values[:, :, d : 2 * d]
@@ -97,6 +98,11 @@ class QuasiDirectMixture:
         self._rows = np.r_[np.ones(2 * d), stiffness / divergence]
         self._columns = np.r_[np.ones(d), np.full(d, self.rates.c_v), stiffness / gradient]
         values *= self._rows[:, None, None] * self._columns
+
+    @property
+    def force_per_rate(self):
+        """Return the weight of the volume balance in forces [N s/m³]."""
+        return self._rows[-1]
 
     def to_forces(self, vector):
         """Return a right-hand side in [N] and [m³/s], (n_owned, 2 d + 1), from the array of a vector of the solver."""

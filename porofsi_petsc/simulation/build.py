@@ -122,6 +122,7 @@ def fluid_setup(scene, domain, materials, stopwatch):
     mesh, model, stabilization = domain.mesh, scene.model, scene.stabilization
     pressures = [(tag, 0, b.pressure) for b in scene.boundary for tag in b.on if b.pressure is not None]
     free, drained = _traction_tags(scene, mesh), {tag for tag, _, _ in pressures}
+    _require_pressure_level(scene, free, drained)
     fluxes = [SurfaceLoad(mesh, tag, {0: b.flux}) for b in scene.boundary for tag in b.on if b.flux is not None]
     inertia = model.solid_inertia or model.fluid_inertia
     return FluidSetup(
@@ -163,6 +164,14 @@ def _traction_tags(scene, mesh):
     for tag, component, _ in _entries(scene, "displacement"):
         fixed[tag].add(component)
     return [tag for tag, held in fixed.items() if not _holds_normal(mesh, tag, sorted(held))]
+
+
+def _require_pressure_level(scene, free, drained):
+    """Raise InputError where neither a pressure nor a traction sets the level of p: any constant solves the equations."""
+    if not free and not drained:
+        received = "received a prescribed normal displacement and no pressure on every boundary"
+        advice = "expected one with a pressure or free to move, because else the pressure has no level; prescribe it on one"
+        raise InputError(f"{scene.source_path or 'scene'} [[boundary]]: {received}, {advice}")
 
 
 def _holds_normal(mesh, tag, held):
