@@ -27,6 +27,11 @@ def backward_euler(dt):
     return FirstOrder(dt, 1.0, 1.0, 1.0)
 
 
+def implicit_second_order(dt):
+    """Return the scheme of y'' whose balance holds at the end of the step, with y1 = y0 + dt v0 + dt²/2 a1, v1 = v0 + dt a1."""
+    return SecondOrder(dt, 1.0, 1.0, 1.0, 0.5)
+
+
 @dataclass(frozen=True)
 class FirstOrder:
     """y1 = y0 + dt ((1 - gamma) r0 + gamma r1); the balance holds for r at alpha_m and y at alpha_f."""

@@ -258,17 +258,17 @@ def flow_setup(truth, scene, domain, materials):
     )
 
 
-def put_at_start(truth, solid=None, fluid=None, at_rest=False):
-    """Give phases the exact state at t = 0; at_rest: without accelerations, as a scene starts."""
+def put_at_start(truth, solid=None, fluid=None, as_scene=False):
+    """Give phases the exact state at t = 0; as_scene: accelerations and pressure are zero, as where a load is sudden."""
     if solid is not None:
         points = solid.mesh.X
         solid.set_initial(truth.at("u", 0.0, points), truth.at("v_s", 0.0, points))
-        solid.a[:] = 0.0 if at_rest else truth.at("a_s", 0.0, points)
+        solid.a[:] = 0.0 if as_scene else truth.at("a_s", 0.0, points)
         solid.reset()
     if fluid is not None:
         points = fluid.mesh.X
-        fluid.set_initial(truth.at("v_f", 0.0, points), truth.at("p", 0.0, points)[:, 0])
-        fluid.a[:] = 0.0 if at_rest else truth.at("a_f", 0.0, points)
+        fluid.set_initial(truth.at("v_f", 0.0, points), 0.0 if as_scene else truth.at("p", 0.0, points)[:, 0])
+        fluid.a[:] = 0.0 if as_scene else truth.at("a_f", 0.0, points)
         fluid.reset()
 
 
@@ -336,10 +336,10 @@ def prescribed_skeleton(truth, domain, time, scheme, part):
     return Skeleton(configuration, v, truth.at("v_s", end, X), u, moving)
 
 
-def medium(truth, scene, at_rest=False, watch=lambda coupling: None):
+def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
     """Return the coupled phases at the end of the scene, built as every scene is but for the sources of the solution.
 
-    at_rest : without initial accelerations; watch : called with the coupling after every step
+    as_scene : start as a scene does, see `put_at_start`; watch : called with the coupling after every step
     """
     start()
     setups = {
@@ -348,7 +348,9 @@ def medium(truth, scene, at_rest=False, watch=lambda coupling: None):
     }
     with mock.patch.multiple(build, **setups):
         coupling = build.build_coupling(scene, square(scene), Stopwatch())
-    put_at_start(truth, coupling.solid, coupling.fluid, at_rest)
+    put_at_start(truth, coupling.solid, coupling.fluid, as_scene)
+    if scene.time.consistent_start:
+        coupling.start(*Clock(scene.time).starting_schemes(scene.model))
     for step, (time, schemes, rates) in enumerate(steps_to_end(scene), 1):
         coupling.step(schemes, rates, time, step)
         coupling.accept()

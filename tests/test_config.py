@@ -248,6 +248,11 @@ def test_wrong_input_gets_one_sentence(scene_file, override, sentence):
     assert text.startswith("override") or str(scene_file) in text
 
 
+def test_a_consistent_start_needs_a_skeleton_with_inertia(scene_file):
+    with pytest.raises(InputError, match=r"time.consistent_start\]: received true with model.solid_inertia = false"):
+        load_scene(scene_file, ["time.consistent_start=true", "model.solid_inertia=false"])
+
+
 def test_two_probes_of_one_name(tmp_path):
     path = tmp_path / "twice.toml"
     path.write_text(SCENE.replace("[figures]", '[[probe]]\nname = "A"\nat = [0.0, 0.0]\nquantities = ["p"]\n[figures]'))

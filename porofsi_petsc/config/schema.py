@@ -76,6 +76,9 @@ class Scene(Table):
         if self.time.scheme == "backward_euler" and (self.model.solid_inertia or self.model.fluid_inertia):
             text = "received 'backward_euler' with inertia, expected model.solid_inertia = false and model.fluid_inertia = false"
             raise wrong(f"{text}, or scheme = 'generalized_alpha'", "time.scheme")
+        if self.time.consistent_start and not self.model.solid_inertia:
+            text = "received true with model.solid_inertia = false, expected a skeleton that has an acceleration; leave it out"
+            raise wrong(text, "time.consistent_start")
 
     def _check_mass_scaling(self):
         if self.coupling.mass_scaling is not None and not self.model.solid_inertia:

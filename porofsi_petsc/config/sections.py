@@ -34,7 +34,10 @@ class Limits(Table):
 
 
 class Time(Table):
-    """End time, first step and its growth per step up to max_step [s]; rho_inf is the spectral radius at infinity."""
+    """End time, first step and its growth per step up to max_step [s]; rho_inf is the spectral radius at infinity.
+
+    consistent_start : accelerations and pressure at t = 0 from the balances instead of zero
+    """
 
     end: Positive
     step: Positive
@@ -42,6 +45,7 @@ class Time(Table):
     scheme: Literal["generalized_alpha", "backward_euler"] = "generalized_alpha"
     growth: Annotated[Number, Field(ge=1)] = 1.0
     max_step: Positive | None = None
+    consistent_start: Flag = False
 
     @model_validator(mode="after")
     def _ordered(self):

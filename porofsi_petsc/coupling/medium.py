@@ -45,6 +45,19 @@ class PorousMedium:
         self.reset()
         raise self.convergence.failure(t, step, self.advice)
 
+    def start(self, schemes, rates):
+        """Give the phases the accelerations and the pressure that the balances ask for at t = 0 (0+ where a load is sudden).
+
+        They are those of one small implicit step, whose positions and velocities are forgotten; v_f is kept where it has inertia
+        (without it, Darcy's law gives it with the pressure).  The velocities at t = 0 must satisfy the volume balance.
+        """
+        u, v, v_f = self.solid.u, self.solid.v, self.fluid.v
+        self.step(schemes, rates, 0.0, 0)
+        self.accept()
+        self.solid.set_initial(u, v)
+        self.fluid.set_initial(v_f if rates.c_f else self.fluid.v, self.fluid.p)
+        self.reset()
+
     def accept(self):
         """Make the trial states the accepted ones; raise ConvergenceError, changing nothing, when the end is not admissible."""
         self.solid.accept()

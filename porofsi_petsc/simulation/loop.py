@@ -3,7 +3,7 @@
 import signal
 import time
 
-from ..clock import backward_euler, first_order, second_order
+from ..clock import backward_euler, first_order, implicit_second_order, second_order
 from ..errors import ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
@@ -12,6 +12,9 @@ from .energy import step_powers
 
 ABSENT_PREFIXES = ("mesh_",)  # solvers that no porous scene has; their options may stand in a shared options file
 COLLECTIVE = (ConvergenceError, LimitError, Stopped)  # raised on all ranks together, so that what follows may be collective
+# Size of the step that finds the accelerations at t = 0, in first steps: its own error of first order is this much smaller than
+# what second order in time allows, and u1 - u0 - dt v0 keeps enough digits for the coupling tolerance (1e-3 stalls at 4e-9).
+START = 1e-2
 SNAP = 1e-9  # a step that ends this close (in steps) to a multiple of the step, or to the end, ends there
 
 
@@ -75,8 +78,13 @@ class Clock:
         else:
             fluid = first_order(section.rho_inf, dt)
             solid = second_order(section.rho_inf, dt) if model.solid_inertia else fluid
-        rates = Rates(fluid.c_v if model.fluid_inertia else 0.0, solid.c_v, solid.c_a)
-        return (solid, fluid), rates
+        return (solid, fluid), _rates(model, solid, fluid)
+
+    def starting_schemes(self, model):
+        """Return the same for the small implicit step from which a consistent start takes its accelerations."""
+        dt = START * self.nominal
+        solid, fluid = implicit_second_order(dt), backward_euler(dt)
+        return (solid, fluid), _rates(model, solid, fluid)
 
     def state(self):
         """Return the numbers a restart needs."""
@@ -89,6 +97,10 @@ class Clock:
         self.target, self.substep = state["target"], state["substep"]
         if self._section.growth > 1:
             self.nominal = state["nominal"]
+
+
+def _rates(model, solid, fluid):
+    return Rates(fluid.c_v if model.fluid_inertia else 0.0, solid.c_v, solid.c_a)
 
 
 class StopRequest:
@@ -135,6 +147,8 @@ class TimeLoop:
     def run(self, stop):
         """Advance to the end; raises an error of `shared_errors` after a checkpoint, others at once."""
         try:
+            if self._scene.time.consistent_start and self.clock.step == 0:
+                self._coupling.start(*self.clock.starting_schemes(self._scene.model))
             while not self.clock.finished:
                 self._advance(self.clock.next_target())
                 reason = stop.reason()
