@@ -33,11 +33,13 @@ def difference(coupling):
     for node, component in np.ndindex(base.shape):
         values = []
         for sign in (1, -1):
-            trial = base.copy()
-            trial[node, component] += sign * steps[component]
-            set_unknowns(coupling, trial)
+            increment = np.zeros_like(base)
+            increment[node, component] = sign * steps[component]
+            set_unknowns(coupling, base)
+            coupling.solid.add(increment[:, :d])
+            coupling.fluid.add(increment[:, d:])
             values.append(residuals(coupling).ravel())
-        columns.append((values[0] - values[1]) / (2 * steps[component] * coupling.solid.scheme.alpha_f))
+        columns.append((values[0] - values[1]) / (2 * steps[component]))
     set_unknowns(coupling, base)
     residuals(coupling)
     return np.column_stack(columns)

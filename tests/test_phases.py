@@ -64,11 +64,12 @@ def difference(phase, residual, scales):
     for node, component in np.ndindex(base.shape):
         values = []
         for sign in (1, -1):
-            trial = base.copy()
-            trial[node, component] += sign * FD_STEP * scales[component]
-            phase.unknowns = trial
+            increment = np.zeros_like(base)
+            increment[node, component] = sign * FD_STEP * scales[component]
+            phase.unknowns = base
+            phase.add(increment)
             values.append(residual().ravel())
-        columns.append((values[0] - values[1]) / (2 * FD_STEP * scales[component] * phase.scheme.alpha_f))
+        columns.append((values[0] - values[1]) / (2 * FD_STEP * scales[component]))
     phase.unknowns = base
     return np.column_stack(columns)
 

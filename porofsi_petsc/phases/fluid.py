@@ -18,7 +18,10 @@ STRAY = 0.02  # change of the volume ratio after which a lagged tangent is renew
 class FluidPhase:
     """Solve momentum and volume balance for the phase velocity v_f and the pressure p on the mesh that the skeleton carries.
 
-    Arrays with ghosts: `v`, `a` (n_local, d), `p` (n_local,) of the accepted level n; `_v1`, `_a1`, `_p1` of the trial level.
+    Arrays with ghosts: `v`, `a` (n_local, d), `p` (n_local,) at the end of the accepted step; `_v1`, `_a1` of the trial step.
+    The pressure has no rate: its unknown `_p1` is the value on the collocation level, where the balances hold, and p is what a
+    line through it and the collocated value before, `_p0`, takes at the end of the step.  An unknown p at the end of the step
+    would carry every error on as (-ρ∞)^n: after a jump of the load it rings, for ρ∞ = 1 for ever.
     """
 
     prefix = "fluid_"
@@ -28,7 +31,8 @@ class FluidPhase:
         self._setup = setup
         self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
         self.v, self.a = (np.zeros((self.mesh.n_local, self.mesh.dim)) for _ in range(2))
-        self.p = np.zeros(self.mesh.n_local)
+        self.p, self._p0 = np.zeros(self.mesh.n_local), np.zeros(self.mesh.n_local)
+        self._p0_age = None  # time from the level of _p0 to the accepted end of step [s]; None: no line through _p0
         self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = None
         self._parameters = StabilizationParameters(setup)
@@ -45,9 +49,11 @@ class FluidPhase:
         """Return the unknowns per node in the matrix: v, p and, with inertia in the corrected split, the auxiliary field s."""
         return self.mesh.dim + 1 + self._setup.has_auxiliary
 
-    def set_initial(self, velocity, pressure):
-        """Set velocity (n_local, d) and pressure (n_local,) at the start."""
-        self.v[:], self.p[:] = velocity, pressure
+    def set_initial(self, velocity, pressure=None):
+        """Set velocity (n_local, d) and pressure (n_local,) at the start; without one p is what the first step makes of it."""
+        self.v[:] = velocity
+        if pressure is not None:
+            self.p[:], self._p0[:], self._p0_age = pressure, pressure, 0.0
         self._setup.velocity.apply(self.v, 0.0)
         self.reset()
 
@@ -56,12 +62,11 @@ class FluidPhase:
     def begin_step(self, scheme, rates, t, skeleton):
         """Start a step from the accepted level at time t and the accepted skeleton: predictor, essential values, parameters."""
         self.scheme = scheme
-        t_alpha = t + scheme.alpha_f * scheme.dt
+        t_alpha, self._t_end = t + scheme.alpha_f * scheme.dt, t + scheme.dt
         self._v1 = scheme.predict(self.v, self.a, self.a) if self._setup.inertia else self.v.copy()
         self._p1 = self.p.copy()
         self._setup.velocity.apply(self._v1, t + scheme.dt)
-        column = self._p1[:, None]
-        self._setup.pressure.apply(column, t + scheme.dt)
+        self._setup.pressure.apply(self._p1[:, None], t_alpha)
         self._update_rates()
         self._flux = np.zeros((self.mesh.n_owned, 1))
         for load in self._setup.fluxes:
@@ -80,11 +85,11 @@ class FluidPhase:
 
     def flow(self):
         """Return what the solid needs of the trial state on the collocation level."""
-        return Flow(self._level(self.v, self._v1), self._level(self.p, self._p1))
+        return Flow(self._level(self.v, self._v1), self._p1)
 
     @property
     def unknowns(self):
-        """Return the trial velocity and pressure on the owned nodes, (n_owned, d + 1)."""
+        """Return the trial velocity (end of step) and pressure (collocation level) on the owned nodes, (n_owned, d + 1)."""
         n = self.mesh.n_owned
         return np.column_stack([self._v1[:n], self._p1[:n]])
 
@@ -152,12 +157,12 @@ class FluidPhase:
 
     def _trial_fields(self, skeleton):
         level = self._level
-        return self._fields(skeleton, level(self.v, self._v1), self._acceleration(), level(self.p, self._p1), self._b)
+        return self._fields(skeleton, level(self.v, self._v1), self._acceleration(), self._p1, self._b)
 
     def _fields(self, skeleton, v, a, p, b):
         gather = self.domain.gather
         c = gather(v - skeleton.mesh_velocity)
-        return kernel.FlowFields(gather(v), gather(a), c, gather(skeleton.velocity), gather(p), gather(p - self.p), b)
+        return kernel.FlowFields(gather(v), gather(a), c, gather(skeleton.velocity), gather(p), gather(p - self._p0), b)
 
     # -- coefficients -----------------------------------------------------------------------------------------------------
 
@@ -220,7 +225,8 @@ class FluidPhase:
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d + 1), to the trial state."""
-        self.unknowns = self.unknowns + increment / self.scheme.alpha_f
+        d = self.mesh.dim
+        self.unknowns = self.unknowns + np.column_stack([increment[:, :d] / self.scheme.alpha_f, increment[:, d]])
 
     @timed("assembly")
     def _assemble(self, skeleton, rates, fields):
@@ -299,7 +305,16 @@ class FluidPhase:
     def accept(self):
         """Make the trial state the accepted one."""
         self.last_acceleration = (self._v1 - self.v) / self.scheme.dt
-        self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), self._p1.copy()
+        self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), self._end_pressure()
+        self._p0, self._p0_age = self._p1.copy(), (1 - self.scheme.alpha_f) * self.scheme.dt
+
+    def _end_pressure(self):
+        """Return the pressure at the end of the trial step, on the line through the last two collocated ones."""
+        scheme, end = self.scheme, self._p1.copy()
+        if self._p0_age is not None:
+            end += (1 - scheme.alpha_f) * scheme.dt / (self._p0_age + scheme.alpha_f * scheme.dt) * (self._p1 - self._p0)
+        self._setup.pressure.apply(end[:, None], self._t_end)
+        return end
 
     def reset(self):
         """Forget the trial state."""
@@ -308,18 +323,19 @@ class FluidPhase:
     def state(self):
         """Return every array a restart needs, name -> (n_owned, ...)."""
         n = self.mesh.n_owned
-        return {"v": self.v[:n], "a": self.a[:n], "p": self.p[:n]} | self._rule.state(n)
+        return {"v": self.v[:n], "a": self.a[:n], "p": self.p[:n], "p_collocated": self._p0[:n]} | self._rule.state(n)
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
-        return self._rule.memory()
+        return self._rule.memory() | {"pressure_age": self._p0_age}
 
     def load_state(self, arrays, memory, scheme, rates, skeleton_at):
         """Continue from `state` and `memory`; a tangent that fits the rates of the next step is made again where it was.
 
         scheme : of the next step; skeleton_at(u, v) : `SolidPhase.skeleton_at`.
         """
-        self.v, self.a, self.p = (self.mesh.halo.extend(arrays[name]) for name in ("v", "a", "p"))
+        self.v, self.a, self.p, self._p0 = (self.mesh.halo.extend(arrays[name]) for name in ("v", "a", "p", "p_collocated"))
+        self._p0_age = memory["pressure_age"]
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)
         if point is None or self._rule.rates != rates:

@@ -188,7 +188,7 @@ def build_coupling(scene, mesh, stopwatch):
     solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
     initial = scene.initial
     solid.set_initial(_field(mesh, initial.displacement), _field(mesh, initial.solid_velocity))
-    pressure = initial.pressure(0.0, mesh.X) if initial.pressure else np.zeros(mesh.n_local)
+    pressure = initial.pressure(0.0, mesh.X) if initial.pressure else None
     fluid.set_initial(_field(mesh, initial.fluid_velocity), pressure)
     choice = scene.coupling
     common = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
