@@ -152,6 +152,32 @@ def list_command():
 
 
 @cli.command()
+@click.argument("cases", nargs=-1, metavar="[CASE]...")
+@click.option("--quick", is_flag=True, help="Only the cases of a few seconds.")
+@click.option("--json", "as_text", is_flag=True, help="Print the checks as JSON.")
+@click.option("--output", type=click.Path(path_type=Path), default=Path("results/verify"), metavar="DIR", help="Results.")
+@click.pass_context
+def verify(context, cases, quick, as_text, output):
+    """Compare with exact solutions: run the CASEs (default all) and print computed, reference, error and bound."""
+    job = _join(context)
+    from .errors import ExpectationError
+    from .output.check_table import print_checks
+    from .simulation import verify as verify_cases
+    from .simulation.verify import as_json
+
+    checks = verify_cases(cases, output, quick)
+    if job.comm.rank == 0:
+        if as_text:
+            click.echo(as_json(checks))
+        else:
+            print_checks(checks)
+    missed = [check for check in checks if not check.passed]
+    if missed:
+        first = f"{missed[0].case}, {missed[0].quantity}"
+        raise ExpectationError(f"{len(missed)} of {len(checks)} checks failed, the first: {first}; results in {output}")
+
+
+@cli.command()
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 def plot(directory):
     """Draw the figures of the results in DIR again."""

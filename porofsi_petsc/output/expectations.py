@@ -12,7 +12,9 @@ ROUNDING = 1e-9  # relative: a last time that misses the asked one by rounding i
 
 
 def evaluate(expectations, histories, complete=True):
-    """Return one record per expectation: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason, source.
+    """Return one record per expectation, a dict.
+
+    Its keys: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason, source.
 
     expectations : objects with quantity, at [s] (and since [s]) or statistic, value, tolerance, scale (None: |value|), source.
     histories : each a dict column -> (rows,), as read_history gives; the first that has the column counts.  The error is

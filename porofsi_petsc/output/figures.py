@@ -36,9 +36,10 @@ PANELS_WITHOUT_TIMES = 4
 
 
 def make_figures(directory):
-    """Draw pressure.png, displacement.png, histories.png, paths.png and reference.png into the directory; return the paths written.
+    """Draw the figures of a run into its directory; return the paths written.
 
-    Figures without data (no fields or no history written, no path asked for) are left out.  On the calling rank only.
+    They are pressure.png, displacement.png, histories.png, paths.png and reference.png; those without data (no fields or no
+    history written, no path or no reference asked for) are left out.  On the calling rank only.
     Raises InputError when the directory is not a result directory.
     """
     directory = Path(directory)

@@ -65,12 +65,12 @@ SUMMARY_KEYS = {
         "each the largest of the run [-]"
     ),
     "errors": (
-        "one record per time of [reference] and for the end: at (asked for) and t (end of the step) [s], relative errors u (over the "
-        "exact u) and p (over its size under the sudden load) in L2 over the mesh; empty without [reference]"
+        "one record per time of [reference] and for the end: at (asked for) and t (end of the step) [s], relative errors u "
+        "(over the exact u) and p (over its size under the sudden load) in L2 over the mesh; empty without [reference]"
     ),
     "expectations": (
-        "one record per [[expect]]: quantity, at [s], since [s] or statistic, value (computed), reference (expected), error (relative), "
-        "tolerance, passed (null when skipped), reason (why skipped), source"
+        "one record per [[expect]]: quantity, at [s], since [s] or statistic, value (computed), reference (expected), "
+        "error (relative), tolerance, passed (null when skipped), reason (why skipped), source"
     ),
     "files": "files written, relative to the result directory",
 }

@@ -1,0 +1,28 @@
+"""The table of verification checks on a terminal."""
+
+
+def print_checks(checks):
+    """Print computed, reference, error and bound of every check; objects with the fields of `simulation.verify.Check`."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for heading, justify in (
+        ("case", "left"),
+        ("quantity", "left"),
+        *((h, "right") for h in ("computed", "reference", "error", "bound")),
+    ):
+        table.add_column(heading, justify=justify, no_wrap=heading != "quantity")
+    table.add_column("")
+    previous = None
+    for check in checks:
+        style = None if check.passed else "red"
+        numbers = _number(check.computed, 6), _number(check.reference, 6), _number(check.error, 2), _number(check.bound, 2)
+        verdict = "passed" if check.passed else f"FAILED {check.note}"
+        table.add_row(check.case if check.case != previous else "", check.quantity, *numbers, verdict, style=style)
+        previous = check.case
+    Console(width=None if Console().is_terminal else 160).print(table)
+
+
+def _number(value, digits):
+    return "-" if value is None else f"{value:.{digits}g}"

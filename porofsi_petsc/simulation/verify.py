@@ -1,0 +1,199 @@
+"""Verification cases: shipped scenes, with changes, judged by their [[expect]] or by the order with which their errors fall."""
+
+import json
+import math
+from dataclasses import asdict, dataclass
+
+from mpi4py import MPI
+
+from ..config import load_scene
+from ..errors import ConvergenceError, ExpectationError, InputError
+from ..linalg.options import start
+from ..output.files import on_root
+from ..output.summary import NAME as SUMMARY
+from .run import run
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the result: error is |computed - reference| over the scale of the expectation, or what is missing of an order.
+
+    computed, error : None when the run failed, which `note` explains
+    """
+
+    case: str
+    quantity: str
+    computed: float | None
+    reference: float
+    error: float | None
+    bound: float
+    passed: bool
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class SceneCase:
+    """A scene with changes; its expectations are the checks."""
+
+    scene: str
+    changes: tuple = ()
+    quick: bool = False
+
+
+@dataclass(frozen=True)
+class OrderCase:
+    """A scene on levels of refinement, each twice as fine as the one before; the errors against [reference] at the end count.
+
+    orders : field (u or p) -> (order of theory, lowest accepted: what is left of higher orders on the levels)
+    """
+
+    scene: str
+    levels: tuple
+    orders: dict
+    quick: bool = False
+
+
+def _uniform(height, cells, *changes):
+    """Return the changes that make a column of as many cells, each half as wide as high."""
+    mesh = (f"mesh.x.points=[0.0, {height / cells / 2}]", f"mesh.y.points=[0.0, {height}]", f"mesh.y.cells=[{cells}]")
+    return (*mesh, "mesh.y.ratios=[1.0]", *changes)
+
+
+def _graded_steps(end, count, growth, level):
+    """Return the changes that reach the end in count 2^level steps, the last as every one longer than the one before."""
+    steps, factor = count * 2**level, growth ** (0.5**level)
+    return (
+        f"time.end={end}",
+        f"time.step={end * (factor - 1) / (factor**steps - 1)}",
+        f"time.growth={factor}",
+        f"time.max_step={end}",
+    )
+
+
+def _drained(law, load, *changes):
+    return SceneCase("drained_column", (f"material.0.solid.law={law}", *_loaded(load), *changes), quick=True)
+
+
+def _loaded(load):
+    return f"boundary.2.traction.y={-load}", f"reference.load={load}"
+
+
+SMALL_STRAIN = ("model.moving_mesh=false", "limits.strain=report", "limits.mesh_displacement=report")
+LARGE_STRAIN = ("material.0.solid.law=neo_hookean", "model.moving_mesh=true", "limits.reynolds=report")
+EULER = ("time.scheme=backward_euler",)
+# At the end of `drained` and `selfweight` runs only errors count: the scene's probe values are those of another law.
+ONLY_ERRORS = "expect=[{ quantity = 'error.u', statistic = 'final', value = 0.0, scale = 1.0, tolerance = 1e-6 }]"
+SLOW_DRAINAGE = ("time.end=90.0", "time.growth=1.1", "time.max_step=5.0", "limits.reynolds=report")
+DOMAIN = {
+    20: (
+        "mesh.x.points=[0, 1, 4, 20]",
+        "mesh.y.points=[-20, -4, -1, 0]",
+        "mesh.x.ratios=[0.3, 4, 10]",
+        "mesh.y.ratios=[0.1, 0.25, 0.3]",
+    ),
+    40: (),
+}
+
+CASES = {
+    "column_step": SceneCase("column_step"),
+    "column_harmonic": SceneCase("column_harmonic"),
+    "column_step_low_permeability": SceneCase("column_step_low_permeability"),
+    "terzaghi": SceneCase("terzaghi", quick=True),
+    "mandel": SceneCase("mandel"),
+    "strip_footing": SceneCase("strip_footing"),
+    "xie_leo": SceneCase("xie_leo"),
+    "selfweight_column": SceneCase("selfweight_column", quick=True),
+    "selfweight_large_strain": SceneCase("selfweight_column", (*LARGE_STRAIN, "reference.times=[]", ONLY_ERRORS)),
+    "drained_linear_elastic": _drained("linear_elastic", 7.5e6, *SMALL_STRAIN),
+    "drained_saint_venant_kirchhoff": _drained("saint_venant_kirchhoff", 2e6),
+    "drained_neo_hookean": _drained("neo_hookean", 7.5e6),
+    "drained_neo_hookean_j2": _drained("neo_hookean_j2", 7.5e6),
+    "drained_xie_leo": _drained("xie_leo", 7.5e6),
+    "drained_ehlers_eipper": _drained("ehlers_eipper", 3e6),
+    "ehlers_eipper_1": SceneCase("ehlers_eipper", ("material.0.permeability.exponent=1.0",)),
+    "ehlers_eipper_2": SceneCase("ehlers_eipper"),
+    "ehlers_eipper_5": SceneCase("ehlers_eipper", ("material.0.permeability.exponent=5.0", *SLOW_DRAINAGE)),
+    "terzaghi_order_p1": OrderCase(
+        "terzaghi",
+        tuple(_uniform(10.0, 8 * 2**i, "mesh.order=1", *_graded_steps(20.0, 30, 1.2, i)) for i in range(3)),
+        {"u": (2.0, 1.8), "p": (2.0, 1.8)},
+        quick=True,
+    ),
+    "terzaghi_order_dt": OrderCase(
+        "terzaghi", tuple(_graded_steps(20.0, 15, 1.5, i) for i in range(3)), {"u": (2.0, 1.8), "p": (2.0, 1.8)}
+    ),
+    "terzaghi_order_dt_euler": OrderCase(
+        "terzaghi", tuple((*EULER, *_graded_steps(20.0, 15, 1.5, i)) for i in range(3)), {"u": (1.0, 0.9), "p": (1.0, 0.9)}
+    ),
+    "column_harmonic_order": OrderCase(
+        "column_harmonic",
+        tuple(_uniform(10.0, 40 * 2**i, f"time.step={1e-3 / 2**i}") for i in range(3)),
+        {"u": (2.0, 1.8), "p": (2.0, 1.8)},
+    ),
+    "xie_leo_order_dt": OrderCase(
+        "xie_leo", tuple(_graded_steps(2.0, 20, 1.4, i) for i in range(3)), {"u": (2.0, 1.8), "p": (2.0, 1.8)}
+    ),
+    "strip_footing_domain": OrderCase("strip_footing", (DOMAIN[20], DOMAIN[40]), {"p": (1.0, 0.9)}),
+}
+
+
+def verify(names, directory, quick=False):
+    """Run the named cases (all without a name, the short ones when quick) and return their checks (collective).
+
+    directory : where each case writes (pathlib.Path).  Raises InputError for an unknown name.
+    """
+    for name in names:
+        if name not in CASES:
+            raise InputError(f"verification case '{name}': received an unknown name, expected one of {', '.join(CASES)}")
+    chosen = names or [name for name, case in CASES.items() if case.quick or not quick]
+    return [check for name in chosen for check in run_case(name, directory / name)]
+
+
+def run_case(name, directory):
+    """Run one case and return its checks (collective)."""
+    case = CASES[name]
+    try:
+        if isinstance(case, OrderCase):
+            return _order_checks(name, case, directory)
+        return [_expectation_check(name, record) for record in _summary(case.scene, case.changes, directory)["expectations"]]
+    except ConvergenceError as error:
+        return [Check(name, "run", None, 0.0, None, 0.0, False, str(error))]
+
+
+def _summary(scene, changes, directory):
+    """Run a scene and return its summary, whatever its expectations say."""
+    loaded = load_scene(scene, changes)
+    start(loaded.petsc.options, [])
+    try:
+        return run(loaded, directory, force=True, quiet=True)
+    except ExpectationError:
+        return on_root(MPI.COMM_WORLD, lambda: json.loads((directory / SUMMARY).read_text(encoding="utf-8")))
+
+
+def _expectation_check(name, record):
+    when = f"at {record['at']:g} s" if record["at"] is not None else record["statistic"]
+    since = f"since {record['since']:g} s " if record["since"] is not None else ""
+    note = record["reason"] or record["source"]
+    values = record["value"], record["reference"], record["error"], record["tolerance"]
+    return Check(name, f"{record['quantity']} {since}{when}", *values, bool(record["passed"]), note)
+
+
+def _order_checks(name, case, directory):
+    """Return a check for every step between levels and every field."""
+    summaries = [
+        _summary(case.scene, ("expect=[]", "probe=[]", *level), directory / str(i)) for i, level in enumerate(case.levels)
+    ]
+    errors = [summary["errors"][-1] for summary in summaries]
+    checks = []
+    for field, (theory, lowest) in case.orders.items():
+        for i, (coarse, fine) in enumerate(zip(errors, errors[1:], strict=False)):
+            order = math.log2(coarse[field] / fine[field])
+            note = f"error.{field} {coarse[field]:.2e} -> {fine[field]:.2e}"
+            missing, bound = max(theory - order, 0.0), theory - lowest
+            checks.append(Check(name, f"order of {field}, level {i + 1}", order, theory, missing, bound, missing <= bound, note))
+    return checks
+
+
+def as_json(checks):
+    """Return the checks as JSON text, one object each."""
+    return json.dumps([asdict(check) for check in checks], indent=2)
