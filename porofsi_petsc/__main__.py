@@ -234,6 +234,15 @@ def study_coupling(context, output, quick, force):
     make(output, quick, force, click.echo)
 
 
+@study_options("stability")
+def study_stability(context, output, quick, force):
+    """Hard cases: the ends of the parameter range, bad meshes, 20 000 steps, what must be refused: 10 minutes on one core."""
+    _alone(context)
+    from .studies.stability import study as make
+
+    make(output, quick, force, click.echo)
+
+
 def main():
     """Enter from the console script."""
     cli(prog_name="porofsi")

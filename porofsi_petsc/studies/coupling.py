@@ -71,7 +71,7 @@ class Case:
             soil.model(dynamic, finite),
             time,
             [
-                soil.material(self.k if k is None else k, law, stiffness, region=name)
+                soil.material(self.k if k is None else k, law, soil.stiffened(stiffness), region=name)
                 for name, (k, stiffness) in zip(names, parts, strict=True)
             ],
             soil.boundary(f"{load!r}*t/{NUMBER * step!r}", self.dim),

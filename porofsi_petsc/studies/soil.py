@@ -15,15 +15,20 @@ def confined_load(law, J, n_s0=1 - POROSITY):
     return -float(UNIAXIAL[law](J, LAME["lambda"], LAME["mu"], n_s0))
 
 
-def material(k, law="linear_elastic", stiffness=1.0, porosity=POROSITY, grains=2000.0, region="body"):
-    """Return a [[material]] of permeability k [m/s], Lamé parameters times a stiffness factor, grain density [kg/m³]."""
+def material(k, law="linear_elastic", lame=LAME, porosity=POROSITY, grains=2000.0, region="body"):
+    """Return a [[material]] of permeability k [m/s], skeleton law and Lamé parameters [Pa], density of the grains [kg/m³]."""
     return {
         "region": region,
         "porosity": porosity,
-        "solid": {"law": law, "density": grains} | {name: stiffness * value for name, value in LAME.items()},
+        "solid": {"law": law, "density": grains} | lame,
         "fluid": {"density": 1000.0, "specific_weight": 1e4},
         "permeability": {"law": "constant", "k": k},
     }
+
+
+def stiffened(factor):
+    """Return the soil's Lamé parameters times a factor."""
+    return {name: factor * value for name, value in LAME.items()}
 
 
 def layers(number):
@@ -44,12 +49,27 @@ def mesh(cells, order=1, dim=2, regions=()):
     return common | {"kind": "box", "y": {"points": [0.0, SIZE], "cells": [cells]}, "z": height}
 
 
-def boundary(load, dim=2):
-    """Return rollers at sides and base and a drained top with a pressure `load` (formula, [Pa]) on the patch `load`."""
-    up = "xyz"[dim - 1]
+def column(cells, order=1):
+    """Return a column of one cell width, fine at its top."""
+    height = {"points": [0.0, SIZE], "cells": [cells], "ratios": [0.2]}
+    return {"kind": "rectangle", "order": order, "x": {"points": [0.0, 0.5], "cells": [1]}, "y": height}
+
+
+def walls(dim=2):
+    """Return impermeable rollers at the sides and the base."""
     sides = {"x": ["left", "right"], "y": ["front", "back"] if dim == 3 else ["bottom"], "z": ["bottom"]}
-    walls = [{"on": sides[axis], "displacement": {axis: 0.0}, "velocity": {axis: 0.0}} for axis in "xyz"[:dim]]
-    return [*walls, {"on": ["top", "load"], "pressure": 0.0}, {"on": "load", "traction": {up: f"-({load})"}}]
+    return [{"on": sides[axis], "displacement": {axis: 0.0}, "velocity": {axis: 0.0}} for axis in "xyz"[:dim]]
+
+
+def boundary(load, dim=2):
+    """Return `walls` and a drained top with a pressure `load` (formula, [Pa]) on the patch `load`."""
+    traction = {"xyz"[dim - 1]: f"-({load})"}
+    return [*walls(dim), {"on": ["top", "load"], "pressure": 0.0}, {"on": "load", "traction": traction}]
+
+
+def covered(load):
+    """Return `walls` and a drained top with a pressure `load` (formula, [Pa]) on all of it."""
+    return [*walls(), {"on": "top", "pressure": 0.0, "traction": {"y": f"-({load})"}}]
 
 
 def model(dynamic=True, finite=False):

@@ -50,11 +50,11 @@ class _Watched:
     def __init__(self, watch, coupling, energy, stopwatch):
         self._watch, self._coupling, self._energy, self._stopwatch = watch, coupling, energy, stopwatch
 
-    def after_step(self, clock, iterations):
+    def after_step(self, clock, iterations, control=None):
         with self._stopwatch.measure("watch"):
             self._watch(clock, self._coupling, self._energy)
 
-    def checkpoint(self, clock, iterations):
+    def checkpoint(self, clock, iterations, control=None):
         """Keep nothing."""
 
     def reason(self):
