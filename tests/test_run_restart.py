@@ -25,6 +25,8 @@ SCENES_KILLED = {
     "lagged": ("pulse2d", BLOCK),
     "newton": ("pulse2d", (*BLOCK, 'coupling.tangent="newton"')),
     "growing steps": ("pulse2d", (*BLOCK, "time.growth=1.1", "time.step=3e-4", "time.max_step=2e-3")),
+    "controlled steps": ("pulse2d", (*BLOCK, "time.error_tolerance=3e-3")),
+    "consistent start": ("pulse2d", (*BLOCK, "time.consistent_start=true", 'coupling.accelerator="iqn_ils"')),
     "hard": ("pulse2d_low_permeability", (*BLOCK, "mesh.order=2", "model.porosity=variable")),
     "linear": ("column_harmonic", COLUMN),
     "three-dimensional": (str(SCENES / "block3d.toml"), ("time.end=0.02", "output.checkpoint_every=10")),
@@ -52,8 +54,8 @@ def after(action, number):
 
 if place == "after a step":
     after_step = records.Records.after_step
-    def counted(self, clock, iterations):
-        after_step(self, clock, iterations)
+    def counted(self, clock, *arguments):
+        after_step(self, clock, *arguments)
         if clock.step == step:
             die()
     records.Records.after_step = counted
@@ -272,8 +274,8 @@ def stop_after(number):
 
     original = getattr(records.Records.after_step, "original", records.Records.after_step)
 
-    def after_step(self, clock, iterations):
-        original(self, clock, iterations)
+    def after_step(self, clock, *arguments):
+        original(self, clock, *arguments)
         if clock.step == number:
             raise KeyboardInterrupt
 

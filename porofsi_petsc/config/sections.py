@@ -4,39 +4,57 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict, model_validator
 
-from .types import Count, Flag, Limit, Name, Number, Positive, Scaling, Table, Text, list_of, wrong
+from .types import Count, Flag, Limit, Name, Number, Positive, Scaling, Switch, Table, Text, list_of, wrong
 
 QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
 
 
 class Model(Table):
-    """Which terms are solved; what is false is left out, costs nothing and is measured against [limits]."""
+    """Which terms are solved; what is false is left out, costs nothing and is measured against [limits].
 
-    solid_inertia: Flag = True
-    fluid_inertia: Flag = True
-    convection: Flag = False
-    viscosity: Flag = False
-    moving_mesh: Flag = False
-    porosity: Literal["constant", "variable"] = "constant"
+    "auto" : left out until it passes its bound, then solved to the end
+    """
+
+    solid_inertia: Switch = True
+    fluid_inertia: Switch = True
+    convection: Switch = False
+    viscosity: Switch = False
+    moving_mesh: Switch = False
+    porosity: Literal["constant", "variable", "auto"] = "constant"
 
 
 class Limits(Table):
     """Bounds that stop the run when a term left out turns out large; "report" only reports it.
 
     strain: max |E| of a small-strain law; mesh_displacement: max |u| over the element size when the mesh is fixed; reynolds:
-    element Reynolds number without convection; inertia: inertial over elastic force without inertia.
+    element Reynolds number without convection; inertia: inertial over largest force without inertia; porosity_change: of n_f
+    over n_f with constant porosity; viscosity: viscous over drag force without the Brinkman term.
     """
 
     strain: Limit = 0.05
     mesh_displacement: Limit = 0.1
     reynolds: Limit = 0.1
     inertia: Limit = 0.1
+    porosity_change: Limit = 0.1
+    viscosity: Limit = 0.1
+
+
+# Bound in [limits] of every term of [model]; a term that is "auto" is switched on there.
+LIMIT_OF = {
+    "solid_inertia": "inertia",
+    "fluid_inertia": "inertia",
+    "convection": "reynolds",
+    "viscosity": "viscosity",
+    "moving_mesh": "mesh_displacement",
+    "porosity": "porosity_change",
+}
 
 
 class Time(Table):
     """End time, first step and its growth per step up to max_step [s]; rho_inf is the spectral radius at infinity.
 
-    consistent_start : accelerations and pressure at t = 0 from the balances instead of zero
+    consistent_start : accelerations and pressure at t = 0 from the balances instead of zero; error_tolerance : the step follows
+    the local error, between min_step and max_step
     """
 
     end: Positive
@@ -46,6 +64,20 @@ class Time(Table):
     growth: Annotated[Number, Field(ge=1)] = 1.0
     max_step: Positive | None = None
     consistent_start: Flag = False
+    error_tolerance: Annotated[Positive, Field(lt=1)] | None = None
+    min_step: Positive | None = None
+
+    @model_validator(mode="after")
+    def _controlled(self):
+        if self.error_tolerance is not None and self.growth != 1:
+            raise wrong(f"received {self.growth:g} with time.error_tolerance, which chooses the step; leave it out", "growth")
+        if self.error_tolerance is None and self.min_step is not None:
+            raise wrong(
+                f"received {self.min_step:g} s without time.error_tolerance, which would need it; leave it out", "min_step"
+            )
+        if self.min_step is not None and self.min_step > self.step:
+            raise wrong(f"received {self.min_step:g} s, expected at most time.step = {self.step:g} s", "min_step")
+        return self
 
     @model_validator(mode="after")
     def _ordered(self):

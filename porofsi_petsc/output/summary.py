@@ -23,7 +23,8 @@ SUMMARY_KEYS = {
     "unknowns.pressure": "number of pressure unknowns",
     "unknowns.auxiliary": "number of unknowns of the auxiliary field of the coupling term, 0 without it",
     "steps": "number of accepted time steps, those before a restart included",
-    "step_cuts": "number of times a step was repeated with a smaller step size",
+    "step_cuts": "number of times a step was repeated with a smaller step size because the coupling failed",
+    "steps_rejected": "number of times a step was repeated with a smaller step size because of time.error_tolerance",
     "time_end": "last computed time [s]",
     "wall_time.setup": "time to distribute the mesh and to build the phases [s], maximum over the ranks like all wall times",
     "wall_time.assembly": "time in element matrices and their insertion [s]",
@@ -58,7 +59,11 @@ SUMMARY_KEYS = {
     "energy.balance_error_relative": "balance error over the largest external work so far [-]",
     "peak_memory_bytes.max": "largest resident memory of a rank [bytes]",
     "peak_memory_bytes.sum": "resident memory of all ranks at their peaks [bytes]",
-    "modelled": "list of the terms that were computed",
+    "modelled": "list of the terms that were computed, at the end of the run",
+    "switched": (
+        'one record per "auto" term that was switched on: term, step and t [s] of the state before it, measure with its size in '
+        "the step that was done again and its bound"
+    ),
     "neglected": "terms left out: name -> value (size met in the run), bound (limit of the scene or null), meaning",
     "oscillation_indicator": (
         "norm of the pressure minus its average over the elements of each node (interior nodes), over the norm of the pressure, "

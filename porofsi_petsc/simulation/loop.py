@@ -8,7 +8,9 @@ from ..errors import ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
+from .auto import auto_terms
 from .energy import step_powers
+from .step_control import StepControl, StepTooLarge
 
 ABSENT_PREFIXES = ("mesh_",)  # solvers that no porous scene has; their options may stand in a shared options file
 COLLECTIVE = (ConvergenceError, LimitError, Stopped)  # raised on all ranks together, so that what follows may be collective
@@ -56,6 +58,10 @@ class Clock:
         """Go on to the target in parts of size dt."""
         self.cuts, self.target, self.substep = self.cuts + 1, target, dt
 
+    def repeat_with(self, dt):
+        """Forget the step on the way and go on with nominal steps of size dt."""
+        self.nominal, self.target, self.substep = dt, None, None
+
     def advance(self, dt, target):
         """Count an accepted step of size dt on the way to the target; there the nominal step grows for the next one."""
         self.t = target if abs(target - self.t - dt) < SNAP * dt else self.t + dt
@@ -95,7 +101,7 @@ class Clock:
         """Continue from `state`; a scene without growth keeps its own step size."""
         self.t, self.step, self.cuts = state["t"], state["step"], state["cuts"]
         self.target, self.substep = state["target"], state["substep"]
-        if self._section.growth > 1:
+        if self._section.growth > 1 or self._section.error_tolerance:
             self.nominal = state["nominal"]
 
 
@@ -137,7 +143,14 @@ class TimeLoop:
         """Take what is advanced and what looks at it."""
         self._scene, self._coupling, self._energy, self._measures, self._records = scene, coupling, energy, measures, records
         self.clock = Clock(scene.time)
+        self.control = StepControl(scene.time, coupling.solid.mesh.comm) if scene.time.error_tolerance else None
+        self.auto = coupling if auto_terms(scene.model) else None
         self.iterations, self._options_checked = [], False
+
+    @property
+    def model(self):
+        """Return the [model] as it is solved now."""
+        return self.auto.scene.model if self.auto else self._scene.model
 
     @property
     def shared_errors(self):
@@ -148,15 +161,20 @@ class TimeLoop:
         """Advance to the end; raises an error of `shared_errors` after a checkpoint, others at once."""
         try:
             if self._scene.time.consistent_start and self.clock.step == 0:
-                self._coupling.start(*self.clock.starting_schemes(self._scene.model))
+                self._coupling.start(*self.clock.starting_schemes(self.model))
             while not self.clock.finished:
-                self._advance(self.clock.next_target())
+                try:
+                    self._advance(self.clock.next_target())
+                except StepTooLarge as rejected:
+                    self._coupling.reset()
+                    self.clock.repeat_with(rejected.size)
+                    continue
                 reason = stop.reason()
                 if reason and not self.clock.finished:
                     where = f"t = {self.clock.t:g} s (step {self.clock.step})"
                     raise Stopped(f"stopped by {reason} at {where}; restart from {self._records.checkpoint_path}")
         except self.shared_errors:
-            self._records.checkpoint(self.clock, self.iterations)
+            self._records.checkpoint(self.clock, self.iterations, self.control)
             raise
 
     def _advance(self, target):
@@ -175,18 +193,32 @@ class TimeLoop:
 
     def _step(self, dt, target):
         clock, coupling = self.clock, self._coupling
-        schemes, rates = clock.schemes(self._scene.model, dt)
+        schemes, rates = clock.schemes(self.model, dt)
         coupling.step(schemes, rates, clock.t, clock.step + 1)
+        sizes = self._measures.neglected_sizes(coupling, dt)
+        if self.auto and self.auto.switch(self._measures.omissions, sizes, clock):
+            self._measures.remodel(self.auto.scene)
+            self._energy.remodel(*coupling.energies())
+            return self._step(dt, target)
         powers = step_powers(*coupling.residuals, *coupling.collocated())
+        size = self.control.next_size(dt, self._trial(dt, schemes)) if self.control else None
         coupling.accept()
         clock.advance(dt, target)
+        if size is not None and clock.target is None:
+            clock.repeat_with(size)
         self.iterations.append(coupling.iterations)
         if not self._options_checked:
             check_options(exempt_prefixes=ABSENT_PREFIXES)
             self._options_checked = True
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
-        self._measures.watch_neglected(coupling.solid, coupling.fluid, coupling.residuals)
+        self._measures.watch_neglected(sizes)
         self._measures.compare(clock, coupling.solid, coupling.fluid)
-        self._records.after_step(clock, self.iterations)
+        self._records.after_step(clock, self.iterations, self.control)
         self._measures.require_limits(clock.t)
+
+    def _trial(self, dt, schemes):
+        """Return what the step control looks at: the trial displacement and pressure with their times."""
+        solid, fluid = self._coupling.solid, self._coupling.fluid
+        t, n = self.clock.t, solid.mesh.n_owned
+        return {"u": (t + dt, solid.unknowns), "p": (t + schemes[1].alpha_f * dt, fluid.flow().pressure[:n])}

@@ -49,7 +49,7 @@ class Records:
             self._history.append(clock.t, self._probe_values(), 0)
             self._write_fields(clock)
 
-    def after_step(self, clock, iterations):
+    def after_step(self, clock, iterations, control):
         """Write what is due after an accepted step; iterations are those of all steps."""
         output = self._scene.output
         with self._stopwatch.measure("output"):
@@ -59,7 +59,7 @@ class Records:
                 self._write_fields(clock)
             self.progress.update(clock.step, clock.t, iterations[-1])
         if self._checkpoint_due(clock):
-            self.checkpoint(clock, iterations)
+            self.checkpoint(clock, iterations, control)
 
     def close(self):
         """Close the history."""
@@ -73,8 +73,8 @@ class Records:
             due = self._mesh.comm.bcast(late) or due
         return due
 
-    def checkpoint(self, clock, iterations):
-        """Write a checkpoint of the accepted state."""
+    def checkpoint(self, clock, iterations, control):
+        """Write a checkpoint of the accepted state; control : the StepControl or None."""
         with self._stopwatch.measure("output"):
             header = {
                 "scene_name": self._scene.name,
@@ -86,8 +86,10 @@ class Records:
                 "energy": self._energy.state(),
                 "measures": self._measures.state(),
                 "iterations": iterations,
+                "step_control": control.memory() if control else None,
             }
-            write_checkpoint(self._directory, self._mesh, header, self._coupling.state())
+            arrays = self._coupling.state() | (control.state() if control else {})
+            write_checkpoint(self._directory, self._mesh, header, arrays)
         self._last_checkpoint = time.monotonic()
 
     def _write_fields(self, clock):

@@ -31,6 +31,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
         "unknowns": _unknowns(mesh, coupling.fluid),
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
+        "steps_rejected": loop.control.rejections if loop.control else 0,
         "time_end": loop.clock.t,
         "wall_time": _wall_time(comm, stopwatch, coupling.solvers),
         "coupling_iterations": {"mean": iterations.mean(), "max": iterations.max(), "total": iterations.sum()},
@@ -39,7 +40,8 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
         "factorizations": {name: _factorizations(blocks.get(name)) for name in BLOCKS},
         "energy": energy.report(),
         "peak_memory_bytes": _peak_memory(comm),
-        "modelled": _modelled(scene),
+        "modelled": _modelled(scene, loop.model),
+        "switched": loop.auto.switched if loop.auto else [],
         "neglected": measures.neglected(),
         "oscillation_indicator": measures.oscillation_indicator,
         "errors": measures.comparison.errors() if measures.comparison else [],
@@ -77,8 +79,7 @@ def _peak_memory(comm):
     return {"max": max(everyone), "sum": sum(everyone)}
 
 
-def _modelled(scene):
-    model = scene.model
+def _modelled(scene, model):
     terms = [
         name for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh") if getattr(model, name)
     ]

@@ -27,10 +27,15 @@ def _load(path, header, arrays, scene, text, loop, coupling, energy, measures):
         raise InputError(f"{path}: {received}, expected less than time.end = {scene.time.end:g} s; raise time.end")
     loop.clock.load(header["clock"])
     loop.iterations.extend(header["iterations"])
-    schemes, rates = loop.clock.next_schemes(scene.model)
+    if loop.auto:
+        loop.auto.resume(header["coupling"])
+        measures.remodel(loop.auto.scene)
+    schemes, rates = loop.clock.next_schemes(loop.model)
     coupling.load_state(arrays, header["coupling"], schemes, rates)
     energy.load(header["energy"])
     measures.load(header["measures"])
+    if loop.control and header["step_control"]:
+        loop.control.load(arrays, header["step_control"])
 
 
 def _require_same_scene(path, before, now):
