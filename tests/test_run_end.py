@@ -155,21 +155,26 @@ def test_a_failing_expectation_ends_with_5_after_everything_is_written(tmp_path)
 
 
 @pytest.mark.parametrize(
-    "overrides, name",
+    "overrides, limit, name",
     [
-        (("material.0.solid.law=linear_elastic", "limits.strain=1e-5"), "strain"),
-        (("model.moving_mesh=false", "limits.mesh_displacement=1e-6"), "mesh_displacement"),
-        (("model.convection=false", "limits.reynolds=1e-9"), "reynolds"),
-        (("model.fluid_inertia=false", "limits.inertia=1e-6"), "inertia"),
+        (("material.0.solid.law=linear_elastic", "limits.strain=1e-5"), "strain", "strain"),
+        (("model.moving_mesh=false", "limits.mesh_displacement=1e-6"), "mesh_displacement", "mesh_displacement"),
+        (("model.convection=false", "limits.reynolds=1e-9"), "reynolds", "reynolds"),
+        (("model.fluid_inertia=false", "limits.inertia=1e-6"), "inertia", "fluid_inertia"),
+        (("model.solid_inertia=false", "limits.inertia=1e-6"), "inertia", "solid_inertia"),
+        (("limits.porosity_change=1e-6",), "porosity_change", "porosity_change"),
+        (("material.0.fluid.viscosity=1.0", "limits.viscosity=1e-6"), "viscosity", "viscosity"),
     ],
 )
-def test_a_limit_that_is_passed_stops_the_run_and_report_does_not(tmp_path, overrides, name):
-    with pytest.raises(PorofsiError, match=rf"\[limits\] {name}: at t = .* the term left out reached") as error:
+def test_a_limit_that_is_passed_stops_the_run_and_report_does_not(tmp_path, overrides, limit, name):
+    with pytest.raises(
+        PorofsiError, match=rf"\[limits\] {limit}: at t = .* the term left out reached.* set limits.{limit} to"
+    ) as error:
         run_here(Job("pulse2d", str(tmp_path / "run"), BLOCK + overrides))
     assert error.value.exit_code == 2
     assert summary(tmp_path / "run")["exit_code"] == 2
     assert summary(tmp_path / "run")["neglected"][name]["value"] > summary(tmp_path / "run")["neglected"][name]["bound"]
-    reported = run_here(Job("pulse2d", str(tmp_path / "reported"), (*BLOCK, *overrides, f"limits.{name}=report")))
+    reported = run_here(Job("pulse2d", str(tmp_path / "reported"), (*BLOCK, *overrides, f"limits.{limit}=report")))
     assert reported["time_end"] == 0.01 and reported["neglected"][name]["bound"] is None
 
 

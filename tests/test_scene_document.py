@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 from porofsi_petsc.config import conditions, geometry, load_scene, material, reference, schema, sections
-from porofsi_petsc.config.types import Formula, Limit, Scaling, Tags, Vector
+from porofsi_petsc.config.types import Formula, Limit, Scaling, Switch, Tags, Vector
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "scene.md"
 TABLES = {
@@ -44,6 +44,7 @@ SPECIAL = {
     Formula: "formula",
     Limit: 'positive number or "report"',
     Scaling: 'positive number or "optimal"',
+    Switch: 'true, false or "auto"',
     Tags: "text or list",
 }
 TEXTS = {"title", "description"}

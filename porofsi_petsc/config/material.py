@@ -97,6 +97,6 @@ def check_materials(materials, brinkman):
             owner[region] = i
         if brinkman and material.fluid.viscosity is None:
             key = f"material.{i}.fluid.viscosity"
-            raise wrong("received nothing, expected a number [Pa s], which model.viscosity = true needs", key)
+            raise wrong("received nothing, expected a number [Pa s], which model.viscosity needs", key)
     if "all" in owner and len(owner) > 1:
         raise wrong("received 'all' beside other regions, expected 'all' alone", f"material.{owner['all']}.region")

@@ -8,8 +8,13 @@ from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_ex
 from .geometry import MeshSection
 from .material import Material, check_materials
 from .reference import Reference
-from .sections import Coupling, Expect, Figures, Limits, Model, Output, Petsc, Probe, Smoke, Stabilization, Time
+from .sections import LIMIT_OF, Coupling, Expect, Figures, Limits, Model, Output, Petsc, Probe, Smoke, Stabilization, Time
 from .types import Table, Text, closest, list_of, wrong
+
+
+def _toml(value):
+    """Return a switch of [model] as it is written in a scene."""
+    return f"'{value}'" if isinstance(value, str) else str(value).lower()
 
 
 class Scene(Table):
@@ -60,11 +65,12 @@ class Scene(Table):
     @model_validator(mode="after")
     def _sections_agree(self):
         check_materials(self.material, self.model.viscosity)
-        check_boundaries(self.boundary, self.model.viscosity)
+        check_boundaries(self.boundary, self.model.viscosity is True)
         for i, boundary in enumerate(self.boundary):
             check_expressions(boundary, self.dim, f"boundary.{i}")
         check_expressions(self.body_force, self.dim, "body_force")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
+        self._check_auto()
         self._check_time_scheme()
         self._check_mass_scaling()
         self._check_probes()
@@ -72,17 +78,29 @@ class Scene(Table):
         self._check_expectations()
         return self
 
+    def _check_auto(self):
+        for term, limit in LIMIT_OF.items():
+            if getattr(self.model, term) == "auto" and getattr(self.limits, limit) == "report":
+                text = f"received 'report', expected a positive number, at which model.{term} = 'auto' switches the term on"
+                raise wrong(text, f"limits.{limit}")
+        if self.model.porosity == "auto" and self.model.moving_mesh is False:
+            text = "received 'auto' with model.moving_mesh = false, where n_s = n_s0/J has no effect; set that to true or 'auto'"
+            raise wrong(text, "model.porosity")
+
     def _check_time_scheme(self):
         if self.time.scheme == "backward_euler" and (self.model.solid_inertia or self.model.fluid_inertia):
             text = "received 'backward_euler' with inertia, expected model.solid_inertia = false and model.fluid_inertia = false"
             raise wrong(f"{text}, or scheme = 'generalized_alpha'", "time.scheme")
-        if self.time.consistent_start and not self.model.solid_inertia:
-            text = "received true with model.solid_inertia = false, expected a skeleton that has an acceleration; leave it out"
+        if self.time.consistent_start and self.model.solid_inertia is not True:
+            received = f"received true with model.solid_inertia = {_toml(self.model.solid_inertia)}"
+            raise wrong(f"{received}, expected a skeleton that has an acceleration; leave it out", "time.consistent_start")
+        if self.time.consistent_start and self.model.fluid_inertia == "auto":
+            text = "received true with model.fluid_inertia = 'auto', expected true or false: the start depends on it"
             raise wrong(text, "time.consistent_start")
 
     def _check_mass_scaling(self):
-        if self.coupling.mass_scaling is not None and not self.model.solid_inertia:
-            received = f"received {self.coupling.mass_scaling!r} with model.solid_inertia = false"
+        if self.coupling.mass_scaling is not None and self.model.solid_inertia is not True:
+            received = f"received {self.coupling.mass_scaling!r} with model.solid_inertia = {_toml(self.model.solid_inertia)}"
             raise wrong(f"{received}, expected a skeleton with a mass to scale; leave it out", "coupling.mass_scaling")
 
     def _check_probes(self):

@@ -83,6 +83,12 @@ def _positive_or(word):
     return check
 
 
+def _switch(value):
+    if value == "auto" or isinstance(value, bool):
+        return value
+    raise wrong(f"received {value!r}, expected true, false or 'auto'")
+
+
 def list_of(kind, shortest=0, longest=None):
     """Return the type of a list with entries of one kind, kept as a tuple."""
 
@@ -106,6 +112,7 @@ Tags = Annotated[list_of(Tag, shortest=1), BeforeValidator(_one_or_many), AfterV
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 Limit = Annotated[Any, PlainValidator(_positive_or("report"))]
 Scaling = Annotated[Any, PlainValidator(_positive_or("optimal"))]
+Switch = Annotated[Any, PlainValidator(_switch)]
 Formula = Annotated[Expression, PlainValidator(_expression), PlainSerializer(lambda expression: expression.source)]
 
 

@@ -21,6 +21,7 @@ from ..phases.fluid import FluidPhase
 from ..phases.mixture import DirectMixture, QuasiDirectMixture
 from ..phases.setup import FluidSetup, SolidSetup
 from ..phases.solid import SolidPhase
+from .auto import AutoMedium, auto_terms
 
 AXES = "xyz"
 MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
@@ -69,7 +70,7 @@ def local_mesh(scene, comm):
 
 
 def porous_materials(scene, mesh):
-    """Return dict region -> PorousMaterial."""
+    """Return dict region -> PorousMaterial, without the "auto" terms of the model."""
     materials = {}
     for entry in scene.material:
         for region in mesh.regions if entry.region == ("all",) else entry.region:
@@ -81,7 +82,7 @@ def porous_materials(scene, mesh):
                 drag0=1 / entry.mobility,
                 permeability=PERMEABILITY[entry.permeability.law],
                 exponent=entry.permeability.exponent or 0.0,
-                viscosity=entry.fluid.viscosity if scene.model.viscosity else 0.0,
+                viscosity=entry.fluid.viscosity if scene.model.viscosity is True else 0.0,
                 variable_porosity=scene.model.porosity == "variable",
             )
     return materials
@@ -183,7 +184,15 @@ def _holds_normal(mesh, tag, held):
 
 def build_coupling(scene, mesh, stopwatch):
     """Return the coupling scheme of a scene with its phases in their initial state (collective)."""
-    domain, materials = Domain(mesh), porous_materials(scene, mesh)
+    domain = Domain(mesh)
+    if auto_terms(scene.model):
+        return AutoMedium(scene, lambda scene: _medium(scene, domain, stopwatch))
+    return _medium(scene, domain, stopwatch)
+
+
+def _medium(scene, domain, stopwatch):
+    """Return the coupling scheme of a scene without "auto" terms (collective)."""
+    mesh, materials = domain.mesh, porous_materials(scene, domain.mesh)
     setups = [setup(scene, domain, materials, stopwatch) for setup in (solid_setup, fluid_setup)]
     solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
     initial = scene.initial

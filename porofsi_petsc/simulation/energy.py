@@ -29,6 +29,11 @@ class Energy:
         """Set the energies of the initial state."""
         self.kinetic, self.elastic, self.initial = kinetic, elastic, kinetic + elastic
 
+    def remodel(self, kinetic, elastic):
+        """Go on with the energies of another [model] of the same state; the difference counts as given at the start."""
+        self.initial += kinetic + elastic - self.kinetic - self.elastic
+        self.kinetic, self.elastic = kinetic, elastic
+
     def add_step(self, dt, powers, kinetic, elastic):
         """Add an accepted step: powers as `step_powers` gives them, energies at its end."""
         stored = dt * powers["stored"]

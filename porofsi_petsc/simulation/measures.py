@@ -4,12 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..config.sections import LIMIT_OF
 from ..errors import LimitError
 from ..fem.boundary import owned_nodes
 from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain
 from ..tensors import det_minus_one, transpose
+from .auto import at_start
+from .build import porous_materials
 from .reference import Comparison
 
 
@@ -33,11 +36,29 @@ class NodalAverage:
 
 @dataclass(frozen=True)
 class Omission:
-    """One term left out: its largest size so far, the bound of the scene (None: only reported) and what the number is."""
+    """One term left out: what the number is, its bound (None: only reported) and its key in [limits], the term, how to have it.
+
+    term : key in [model], "" where the material decides
+    """
 
     name: str
+    limit: str
     bound: float | None
+    term: str
+    remedy: str
     meaning: str
+
+
+class TrialStep:
+    """The end of a trial step: u [m], v_s, v_f [m/s] and the mean rates of these in the step [m/s²], all (n_local, d)."""
+
+    def __init__(self, medium, dt):
+        """Take the trial states of a medium after a step of size dt (collective)."""
+        solid, fluid = medium.solid, medium.fluid
+        extend, d = solid.mesh.halo.extend, solid.mesh.dim
+        self.u, self.v_s, self.v_f = extend(solid.unknowns), solid.skeleton().end_velocity, extend(fluid.unknowns[:, :d])
+        self.solid_rate, self.fluid_rate = (self.v_s - solid.v) / dt, (self.v_f - fluid.v) / dt
+        self.solid_residual, (self.fluid_residual, _) = medium.residuals
 
 
 class Measures:
@@ -45,10 +66,10 @@ class Measures:
 
     def __init__(self, scene, domain, materials):
         """Prepare what the scene's model leaves out; `sizes` (name -> largest size) belongs to the run and its checkpoints."""
-        self._scene, self._domain, self._materials = scene, domain, materials
+        self._scene, self._domain, self._materials = at_start(scene), domain, materials
         self._average = NodalAverage(domain)
-        self._omissions = list(_omissions(scene, materials))
-        self.sizes = {omission.name: 0.0 for omission in self._omissions}
+        self.omissions = list(_omissions(self._scene, materials))
+        self.sizes = {omission.name: 0.0 for omission in self.omissions}
         self.roughness = self.largest_pressure = 0.0
         self._interior = self._interior_nodes()
         self.comparison = Comparison(scene, domain) if scene.reference else None
@@ -106,31 +127,43 @@ class Measures:
 
     # -- neglected terms --------------------------------------------------------------------------------------------------
 
-    def watch_neglected(self, solid, fluid, residuals):
-        """Update the sizes of the neglected terms (collective)."""
-        found = {
-            "strain": lambda: self._largest_strain(solid.u),
-            "mesh_displacement": lambda: self._mesh_displacement(solid.u),
-            "reynolds": lambda: self._reynolds(fluid),
-            "inertia": lambda: self._inertia(solid, fluid, residuals),
-            "porosity_change": lambda: self._porosity_change(solid.u),
-            "viscosity": lambda: self._brinkman_ratio(),
+    def remodel(self, scene):
+        """Go on with another [model] of the scene; the sizes of what it does not leave out are dropped."""
+        self._scene, self._materials = scene, porous_materials(scene, self._domain.mesh)
+        self.omissions = list(_omissions(scene, self._materials))
+        self.sizes = {omission.name: self.sizes.get(omission.name, 0.0) for omission in self.omissions}
+
+    def neglected_sizes(self, medium, dt):
+        """Return name -> size of every neglected term in the trial step of a medium (collective)."""
+        step = TrialStep(medium, dt)
+        sizes = {
+            "strain": lambda: self._largest_strain(step.u),
+            "mesh_displacement": lambda: self._mesh_displacement(step.u),
+            "reynolds": lambda: self._reynolds(step, medium.fluid.scheme),
+            "solid_inertia": lambda: self._inertia(step.solid_rate, step.solid_residual, lambda m: m.rho_s),
+            "fluid_inertia": lambda: self._inertia(step.fluid_rate, step.fluid_residual, lambda m: (1 - m.n_s0) * m.rho_fR),
+            "porosity_change": lambda: self._porosity_change(step.u),
+            "viscosity": lambda: self._brinkman_ratio(step.u),
         }
-        for omission in self._omissions:
-            self.sizes[omission.name] = max(self.sizes[omission.name], found[omission.name]())
+        return {omission.name: sizes[omission.name]() for omission in self.omissions}
+
+    def watch_neglected(self, sizes):
+        """Record the sizes of an accepted step."""
+        for name, size in sizes.items():
+            self.sizes[name] = max(self.sizes[name], size)
 
     def require_limits(self, t):
         """Raise LimitError when a neglected term has passed its bound."""
-        for omission in self._omissions:
+        for omission in self.omissions:
             size = self.sizes[omission.name]
             if omission.bound is not None and size > omission.bound:
                 found = f"at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning})"
-                advice = f'model it, or set limits.{omission.name} to a larger bound or to "report"'
-                raise LimitError(f"[limits] {omission.name}: {found}; {advice}")
+                advice = f'{omission.remedy}, or set limits.{omission.limit} to a larger bound or to "report"'
+                raise LimitError(f"[limits] {omission.limit}: {found}; {advice}")
 
     def neglected(self):
         """Return name -> value, bound, meaning for the summary."""
-        return {o.name: {"value": self.sizes[o.name], "bound": o.bound, "meaning": o.meaning} for o in self._omissions}
+        return {o.name: {"value": self.sizes[o.name], "bound": o.bound, "meaning": o.meaning} for o in self.omissions}
 
     def state(self):
         """Return the numbers a restart needs."""
@@ -160,32 +193,28 @@ class Measures:
         length = np.linalg.norm(self._domain.gather(u), axis=-1).max(axis=1)
         return self._maximum(length / self._domain.h)
 
-    def _reynolds(self, fluid):
-        domain, N = self._domain, self._domain.mass.N
-        sizes = np.zeros(domain.n_cells)
-        v = domain.gather(fluid.v)
+    def _volume_ratio(self, u):
+        """Return the mean J of every element of the fluid's mesh, (E, 1): 1 where it does not move."""
+        if not self._scene.model.moving_mesh:
+            return np.ones((self._domain.n_cells, 1))
+        return 1 + det_minus_one(self._gradients(u)).mean(axis=1, keepdims=True)
+
+    def _reynolds(self, step, scheme):
+        domain, N, model = self._domain, self._domain.mass.N, self._scene.model
+        sizes, J = np.zeros(domain.n_cells), self._volume_ratio(step.u)
+        c = domain.gather(step.v_f - step.v_s if model.moving_mesh else step.v_f)
         for region, span in domain.region_slices.items():
-            material, J = self._materials[region], np.ones((span.stop - span.start, len(N)))
-            rho = material.fluid_fraction(J) * material.rho_fR
-            viscous = 4 * material.fluid_fraction(J) * material.viscosity / domain.h[span, None] ** 2
-            resistance = material.drag(J) + viscous + (rho * fluid.scheme.c_v if self._scene.model.fluid_inertia else 0.0)
-            sizes[span] = (convective_scale(N, domain.reference.G[span], rho, v[span]) / resistance).max(axis=1, initial=0.0)
+            material, n = self._materials[region], self._materials[region].fluid_fraction(J[span])
+            rho, viscous = n * material.rho_fR, 4 * n * material.viscosity / domain.h[span, None] ** 2
+            resistance = material.drag(J[span]) + viscous + (rho * scheme.c_v if model.fluid_inertia else 0.0)
+            sizes[span] = (convective_scale(N, domain.reference.G[span], rho, c[span]) / resistance).max(axis=1, initial=0.0)
         return self._maximum(sizes)
 
-    def _inertia(self, solid, fluid, residuals):
-        """Return the norm of lumped mass times the velocity increments over the largest force of the step."""
-        solid_residual, (momentum, _) = residuals
-        model, size = self._scene.model, 0.0
-        for modelled, rate, residual, mass in (
-            (model.solid_inertia, solid.last_acceleration, solid_residual, lambda m: m.rho_s),
-            (model.fluid_inertia, fluid.last_acceleration, momentum, lambda m: (1 - m.n_s0) * m.rho_fR),
-        ):
-            if not modelled:
-                force = self._lumped_mass(mass)[:, None] * rate[: self._domain.n_owned]
-                largest = residual.norms()[1]
-                norm = np.sqrt(self._domain.mesh.comm.allreduce(float(np.vdot(force, force))))
-                size = max(size, norm / largest if largest else 0.0)
-        return size
+    def _inertia(self, rate, residual, density):
+        """Return the norm of lumped mass times the rate of the velocity over the largest force of the phase in the step."""
+        force = self._lumped_mass(density)[:, None] * rate[: self._domain.n_owned]
+        norm, largest = np.sqrt(self._domain.mesh.comm.allreduce(float(np.vdot(force, force)))), residual.norms()[1]
+        return norm / largest if largest else 0.0
 
     def _lumped_mass(self, density):
         domain = self._domain
@@ -203,13 +232,14 @@ class Measures:
             change[span] = np.abs(n_s0 * (1 - 1 / J[span])).max(axis=1, initial=0.0) / (1 - n_s0)
         return self._maximum(change)
 
-    def _brinkman_ratio(self):
-        ratio = np.zeros(self._domain.n_cells)
+    def _brinkman_ratio(self, u):
+        ratio, J = np.zeros(self._domain.n_cells), self._volume_ratio(u)
         for entry in self._scene.material:
             for region, span in self._domain.region_slices.items():
                 if entry.fluid.viscosity and region in (*entry.region, region if entry.region == ("all",) else None):
-                    n, drag = entry.porosity, entry.porosity**2 / entry.mobility
-                    ratio[span] = 4 * n * entry.fluid.viscosity / self._domain.h[span] ** 2 / drag
+                    material, h = self._materials[region], self._domain.h[span, None]
+                    viscous = 4 * material.fluid_fraction(J[span]) * entry.fluid.viscosity / h**2
+                    ratio[span] = (viscous / material.drag(J[span])).max(axis=1, initial=0.0)
         return self._maximum(ratio)
 
 
@@ -223,20 +253,32 @@ def _three_dimensional(H):
 
 
 def _omissions(scene, materials):
-    model, limits = scene.model, scene.limits
-    bound = {name: None if getattr(limits, name) == "report" else getattr(limits, name) for name in type(limits).model_fields}
+    """Yield what a scene without "auto" terms leaves out."""
+    model = scene.model
+
+    def left_out(name, term, remedy, meaning):
+        limit = LIMIT_OF.get(term, name)
+        bound = getattr(scene.limits, limit)
+        return Omission(name, limit, None if bound == "report" else bound, term, remedy, meaning)
+
     if any(material.elastic.small_strain for material in materials.values()):
-        yield Omission("strain", bound["strain"], "largest norm of the Green strain under a small-strain law")
+        meaning = "largest norm of the Green strain under a small-strain law"
+        yield left_out("strain", "", "take a law for large strain in material.solid.law", meaning)
     if not model.moving_mesh:
-        yield Omission(
-            "mesh_displacement", bound["mesh_displacement"], "largest displacement over element size on the fixed mesh"
-        )
+        meaning = "largest displacement over element size on the fixed mesh"
+        yield left_out("mesh_displacement", "moving_mesh", "set model.moving_mesh = true", meaning)
     if not model.convection:
         meaning = "convection over transient, drag and viscous forces at element scale"
-        yield Omission("reynolds", bound["reynolds"], meaning)
-    if not (model.solid_inertia and model.fluid_inertia):
-        yield Omission("inertia", bound["inertia"], "inertia that is left out over the largest force of the step")
-    if model.porosity == "constant":
-        yield Omission("porosity_change", None, "largest change of n_f that n_s = n_s0/J would give, over n_f")
+        yield left_out("reynolds", "convection", "set model.convection = true", meaning)
+    for phase in ("solid", "fluid"):
+        term = f"{phase}_inertia"
+        if not getattr(model, term):
+            meaning = f"inertia of the {phase} that is left out over the largest force on it in a step"
+            yield left_out(term, term, f"set model.{term} = true", meaning)
+    if model.porosity == "constant" or not model.moving_mesh:
+        remedy = 'set model.porosity = "variable" and model.moving_mesh = true'
+        meaning = "largest change of n_f that n_s = n_s0/J would give, over n_f"
+        yield left_out("porosity_change", "porosity", remedy, meaning)
     if not model.viscosity and any(entry.fluid.viscosity for entry in scene.material):
-        yield Omission("viscosity", None, "viscous (Brinkman) over drag force at element scale")
+        meaning = "viscous (Brinkman) over drag force at element scale"
+        yield left_out("viscosity", "viscosity", "set model.viscosity = true", meaning)
