@@ -304,7 +304,6 @@ class FluidPhase:
 
     def accept(self):
         """Make the trial state the accepted one."""
-        self.last_acceleration = (self._v1 - self.v) / self.scheme.dt
         self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), self._end_pressure()
         self._p0, self._p0_age = self._p1.copy(), (1 - self.scheme.alpha_f) * self.scheme.dt
 

@@ -277,7 +277,6 @@ class SolidPhase:
         """Make the trial state the accepted one; raise ConvergenceError, changing nothing, when its end is not admissible."""
         configuration = self._configuration_at(self._u1)
         self._accepted_configuration = configuration
-        self.last_acceleration = (self._v1 - self.v) / self.scheme.dt
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
 
     def reset(self):
