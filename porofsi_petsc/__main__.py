@@ -236,11 +236,36 @@ def study_coupling(context, output, quick, force):
 
 @study_options("stability")
 def study_stability(context, output, quick, force):
-    """Hard cases: the ends of the parameter range, bad meshes, 20 000 steps, what must be refused: 10 minutes on one core."""
+    """Hard cases: the ends of the parameter range, bad meshes, 20 000 steps, what must be refused: 25 minutes on one core."""
     _alone(context)
     from .studies.stability import study as make
 
     make(output, quick, force, click.echo)
+
+
+def _factors(context, parameter, text):
+    """Return the positive numbers of a comma-separated list."""
+    try:
+        found = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        found = (0.0,)
+    if min(found) <= 0:
+        raise click.BadParameter(f"received '{text}', expected positive numbers such as 0.5,1,2")
+    return found
+
+
+@study_options("work-precision")
+@click.argument("scene")
+@overrides
+@click.option("--error", type=click.FloatRange(min=0, min_open=True), default=1e-2, help="The wanted one, default 1e-2.")
+@click.option("--cells", default="0.5,1,2", callback=_factors, metavar="LIST", help="Factors on the cells, default 0.5,1,2.")
+@click.option("--steps", default="2,1,0.5", callback=_factors, metavar="LIST", help="Factors on the step, default 2,1,0.5.")
+def study_work_precision(context, scene, overrides, error, cells, steps, output, quick, force):
+    """Error of SCENE against wall time over order, mesh, step, tolerance, scheme and accelerator: 40 runs of it."""
+    _alone(context)
+    from .studies.work_precision import study as make
+
+    make(scene, output, overrides, error, *((cells[:1], steps[:1]) if quick else (cells, steps)), force, click.echo)
 
 
 def main():

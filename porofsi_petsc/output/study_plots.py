@@ -28,3 +28,19 @@ def draw_heat_maps(figure, panels, columns, rows):
     for ax in axes[:, 0]:
         ax.set_ylabel("$\\Delta t$ [s]")
     figure.colorbar(image, ax=axes, label="largest iterations of a step", shrink=0.8)
+
+
+def draw_work_precision(figure, series, front):
+    """Draw error over wall time, with the Pareto front, and over unknowns; series : label -> rows with these columns."""
+    figure.set_size_inches(2.3 * PANEL, 1.1 * PANEL)
+    axes = figure.subplots(1, 2, sharey=True)
+    for ax, column, label in zip(axes, ("seconds", "unknowns"), ("wall time [s]", "unknowns"), strict=True):
+        for (name, rows), marker in zip(series.items(), "os^vD*", strict=False):
+            x, error = ([float(row[key]) for row in rows] for key in (column, "error"))
+            ax.loglog(x, error, marker, markersize=4, fillstyle="none", label=name)
+        ax.set_xlabel(label)
+        ax.grid(color="0.9", which="both", linewidth=0.5)
+    line = [[float(row[key]) for row in front] for key in ("seconds", "error")]
+    axes[0].loglog(*line, color="0.3", linewidth=0.8, label="Pareto front", zorder=0)
+    axes[0].set_ylabel("relative error")
+    axes[0].legend()

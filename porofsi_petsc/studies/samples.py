@@ -1,0 +1,85 @@
+"""Errors of a run against the exact solution of its scene, or against another run."""
+
+import math
+
+import numpy as np
+
+from ..output.probes import Probes
+from ..simulation.build import serial_mesh
+from ..simulation.reference import Comparison
+
+LARGEST_SAMPLE = 400  # points
+
+
+class Errors:
+    """Largest errors against the exact solution over the times of [reference]."""
+
+    def __init__(self, scene):
+        """Take the scene."""
+        self._scene = scene
+
+    def begin(self, coupling):
+        """Return the function that looks at a step."""
+        self._comparison = Comparison(self._scene, coupling.solid.domain)
+        return lambda clock, coupling, energy: self._comparison.after_step(clock, coupling.solid.u, coupling.fluid.p)
+
+    @property
+    def error_u(self):
+        """Return the error of u, None where the solution has none."""
+        found = [record["u"] for record in self._comparison.records]
+        return None if None in found else max(found)
+
+    @property
+    def error_p(self):
+        """Return the error of p."""
+        return max(record["p"] for record in self._comparison.records)
+
+
+class Samples:
+    """Displacement and pressure at points and times, linear between steps; `values` (times, points, d + 1)."""
+
+    def __init__(self, points, times, reference=None):
+        """Take points (n, d), increasing times [s] and the values of a run to compare with."""
+        self._points, self._times, self._reference, self.values = points, times, reference, []
+
+    def begin(self, coupling):
+        """Return the function that looks at a step."""
+        self._probes = Probes(coupling.solid.mesh, [(f"sample {i}", point) for i, point in enumerate(self._points)])
+        self._before = 0.0, self._at_points(coupling)
+        return self._look
+
+    def _at_points(self, coupling):
+        return self._probes.evaluate(np.column_stack([coupling.solid.u, coupling.fluid.p]))
+
+    def _look(self, clock, coupling, energy):
+        (t0, before), now = self._before, self._at_points(coupling)
+        for t in self._times[len(self.values) :]:
+            if t <= clock.t * (1 + 1e-12):
+                share = (t - t0) / (clock.t - t0)
+                self.values.append((1 - share) * before + share * now)
+        self._before = clock.t, now
+
+    def _distance(self, columns):
+        found, exact = np.array(self.values)[..., columns], np.array(self._reference)[..., columns]
+        return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+
+    @property
+    def error_u(self):
+        """Return the distance of u from that of the reference over the latter's norm."""
+        return self._distance(slice(0, -1))
+
+    @property
+    def error_p(self):
+        """Return the same for p."""
+        return self._distance(slice(-1, None))
+
+
+def sample_points(scene):
+    """Return up to 400 nodes of the scene's mesh, (n, d)."""
+    points = serial_mesh(scene).points
+    return points[:: math.ceil(len(points) / LARGEST_SAMPLE)]
+
+
+def quarters(scene):
+    """Return the ends of the quarters of the run [s]."""
+    return [scene.time.end * i / 4 for i in (1, 2, 3, 4)]
