@@ -46,7 +46,7 @@ def test_without_exact_solution_the_finest_run_is_the_reference(tmp_path, monkey
     scene, changes = str(tmp_path / "plain.toml"), ("time.end=1.0", "time.step=0.1")
     rows = work_precision.study(scene, tmp_path, changes, cells=(0.5,), steps=(2.0, 1.0), say=lambda line: None)
     errors = {row["step"]: float(row["error"]) for row in rows if (row["order"], row["accelerator"]) == ("2", "aitken")}
-    # backward Euler is of first order, the reference has half the smaller step: (2 - 1/2)/(1 - 1/2) = 3, less the growth of the step
+    # backward Euler is of first order, the reference has half the smaller step: (2 - 1/2)/(1 - 1/2) = 3, as it grows less
     assert 1.5 < errors["2"] / errors["1"] < 4
 
 
