@@ -170,6 +170,7 @@ def forced_vibration(steps):
     return block(dt=5e-3, steps=steps, load=load, finite=True, mesh=soil.column(8), boundary=soil.covered)
 
 
+SHORT = ("time.end=0.1", "reference.times=[0.1]")
 CUT = {"coupling": {"on_failure": "cut_step", "max_iterations": 15}}
 # The law of Saint Venant and Kirchhoff carries most at J = 3^(-1/2).
 MOST = soil.confined_load("saint_venant_kirchhoff", 3**-0.5)  # [Pa]
@@ -228,6 +229,9 @@ CASES = (
     HardCase("mesh", "aspect 100", stretched()),
     HardCase("mesh", "aspect 100, k_f = 1e-9", stretched(k=1e-9)),
     HardCase("mesh", "aspect 100, large strain", stretched(finite=True)),
+    HardCase("mesh", "aspect 100, quasi-static", stretched(k=LIMIT_K, dt=1e-2, dynamic=False)),
+    HardCase("mesh", "aspect 100, k_f = 1e-12, quasi-static", stretched(k=1e-12, dt=1e-2, dynamic=False)),
+    HardCase("mesh", "terzaghi, 6 cells P1", shipped("terzaghi", "mesh.order=1", "mesh.y.cells=[6]", *SHORT)),
     HardCase(
         "Newton",
         "a sudden load in one step",

@@ -50,11 +50,11 @@ class _Watched:
     def __init__(self, watch, coupling, energy, stopwatch):
         self._watch, self._coupling, self._energy, self._stopwatch = watch, coupling, energy, stopwatch
 
-    def after_step(self, clock, iterations, control=None):
+    def after_step(self, clock, iterations, control):
         with self._stopwatch.measure("watch"):
             self._watch(clock, self._coupling, self._energy)
 
-    def checkpoint(self, clock, iterations, control=None):
+    def checkpoint(self, clock, iterations, control):
         """Keep nothing."""
 
     def reason(self):
