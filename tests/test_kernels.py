@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from porofsi_petsc.elements import ELEMENTS
-from porofsi_petsc.fem.geometry import Rule, geometry, shape_hessians
+from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, solid
 from porofsi_petsc.materials import ELASTIC
 
@@ -77,16 +77,51 @@ def test_stress_of_a_tiny_strain_keeps_its_digits(dim, law):
     assert relative(material.stress(H), linear.stress(H)) < 1e-8
 
 
+@pytest.mark.parametrize("name", ["T6", "T10"])
+def test_second_derivatives_are_those_of_curved_elements(name):
+    """Of shape functions, of a field and of the volume ratio, against differences of the first ones between points."""
+    rng = np.random.default_rng(8)
+    element = ELEMENTS[name]
+    X, xi = distorted(element, rng), rng.dirichlet(np.ones(element.dim + 1), 4)[:, 1:]
+    x = X + 0.06 * rng.standard_normal(X.shape)
+
+    def at(points):
+        """Return the geometries of x and X and the `SecondDerivatives` of x at reference points (Q, d)."""
+        rule = Rule(element.shape(points), element.gradient(points), np.ones(len(points)))
+        current, reference = geometry(rule, x), geometry(rule, X)
+        slope = SecondDerivatives.at(element, X, reference, None).volume_slope
+        return current, reference, SecondDerivatives.at(element, x, current, slope)
+
+    dG, d_ln_J = [], []
+    for step in FD_STEP * np.eye(element.dim):
+        (plus, plus_0, _), (minus, minus_0, _) = at(xi + step), at(xi - step)
+        dG.append((plus.G - minus.G) / (2 * FD_STEP))
+        d_ln_J.append(np.log(plus.dV / plus_0.dV * minus_0.dV / minus.dV) / (2 * FD_STEP))
+    current, _, second = at(xi)
+    pull = np.linalg.inv(np.einsum("eak,qam->eqkm", x, element.gradient(xi)))
+    shapes = np.einsum("meqai,eqmj->eqaij", dG, pull)
+    assert relative(second.shapes, shapes) < FD_TOLERANCE
+    assert relative(second.volume_gradient, np.einsum("meq,eqmj->eqj", d_ln_J, pull)) < FD_TOLERANCE
+    U = rng.standard_normal(X.shape)
+    gradient, field = np.einsum("eak,eqaj->eqkj", U, current.G), np.einsum("eak,eqaij->eqkij", U, shapes)
+    assert relative(second.field(U, gradient), field) < FD_TOLERANCE
+    viscous = np.einsum("eqkii->eqk", field) + np.einsum("eqiki->eqk", field)
+    assert relative(second.viscous(U, gradient), viscous) < FD_TOLERANCE
+
+
 def flow_chunk(element, rng, mu, convection):
     """Return elements and fields of a random state with every coefficient of order one."""
     X = distorted(element, rng)
     rule = Rule.of(element, 2 * element.order)
     E, Q, A, d = len(X), len(rule.weights), element.nodes, element.dim
     points = lambda: 0.5 + rng.random((E, Q))  # noqa: E731
-    hessian = shape_hessians(element, X) if element.order == 2 else None
+    current, second, grad_n = geometry(rule, X), None, None
+    if mu and element.order == 2:
+        second, grad_n = SecondDerivatives.at(element, X, current, None), rng.standard_normal((E, Q, d))
     elements = flow.FlowElements(
-        N=rule.N, geometry=geometry(rule, X), n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), tau_supg=points(),
-        nu_lsic=points(), tau_u=points(), hessian=hessian, convection=convection, order=element.order,
+        N=rule.N, geometry=current, n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), tau_supg=points(),
+        nu_lsic=points(), tau_u=points(), 
+        second=second, grad_n=grad_n, convection=convection, order=element.order,
     )  # fmt: skip
     nodal = lambda *shape: rng.standard_normal((E, A, *shape))  # noqa: E731
     fields = dict(v=nodal(d), a=nodal(d), v_m=nodal(d), v_s=nodal(d), p=nodal(), p_n=nodal(), b=rng.standard_normal((E, Q, d)))

@@ -10,7 +10,7 @@ from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.stopwatch import Stopwatch
 
-OPTIONS = {"Darcy": DARCY, "Brinkman": BRINKMAN, "variable porosity": DARCY + VARIABLE}
+OPTIONS = {"Darcy": DARCY, "Brinkman": BRINKMAN, "variable porosity": DARCY + VARIABLE, "Brinkman, variable": BRINKMAN + VARIABLE}
 
 
 def residuals(coupling):

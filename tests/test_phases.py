@@ -90,7 +90,7 @@ def dense(matrix):
     return matrix.getDenseArray().copy()
 
 
-@pytest.mark.parametrize("options", [DARCY, BRINKMAN, DARCY + VARIABLE], ids=["Darcy", "Brinkman", "variable porosity"])
+@pytest.mark.parametrize("options", [DARCY, BRINKMAN, BRINKMAN + VARIABLE], ids=["Darcy", "Brinkman", "variable porosity"])
 @pytest.mark.parametrize("mesh", MESHES)
 def test_fluid_tangent_is_the_derivative_of_its_residual(mesh, options):
     coupling, rates = in_motion(mesh, *options)

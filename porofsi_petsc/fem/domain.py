@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse
 
 from ..errors import ConvergenceError
-from .geometry import Rule, element_size, geometry, shape_hessians
+from .geometry import Rule, SecondDerivatives, element_size, geometry
 
 CHUNK_BYTES = 2_000_000  # element matrices of one chunk; about the size of a core's second-level cache
 
@@ -73,6 +73,11 @@ class Domain:
         return geometry(self.stiffness, self.mesh.X[self.cells])
 
     @cached_property
+    def reference_slope(self):
+        """Return the `SecondDerivatives.volume_slope` of the reference configuration, (E, Q, d)."""
+        return SecondDerivatives.at(self.element, self.mesh.X[self.cells], self.reference, None).volume_slope
+
+    @cached_property
     def h(self):
         """Return the element sizes in the reference configuration, (E,) [m]."""
         return element_size(self.element, self.mass, self.reference)
@@ -96,12 +101,12 @@ class Configuration:
     """The elements in one configuration of the mesh.
 
     geometry : mass-rule gradients and weights; J (E, Q) volume ratio dv/dV to the reference configuration;
-    hessian : (E, A, d, d), or None where second derivatives vanish or are not needed
+    second : `SecondDerivatives` on the same rule, or None where they vanish or are not needed
     """
 
     geometry: object
     J: np.ndarray
-    hessian: np.ndarray | None
+    second: SecondDerivatives | None
 
     @classmethod
     def at(cls, domain, positions, with_hessian=False):
@@ -109,5 +114,7 @@ class Configuration:
         coordinates = domain.gather(positions)
         current = geometry(domain.mass, coordinates)
         domain.require(current.dV > 0, "an element is inverted: the deformation is too large for the step")
-        hessian = shape_hessians(domain.element, coordinates) if with_hessian and domain.element.order > 1 else None
-        return cls(current, current.dV / domain.reference.dV, hessian)
+        second = None
+        if with_hessian and domain.element.order > 1:
+            second = SecondDerivatives.at(domain.element, coordinates, current, domain.reference_slope)
+        return cls(current, current.dV / domain.reference.dV, second)

@@ -1,9 +1,11 @@
 """Shape gradients and quadrature weights of elements in physical space."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ..elements import Element
 from ..elements.quadrature import quadrature
 from ..tensors import inverse
 
@@ -46,24 +48,81 @@ def geometry(rule, coordinates):
     return Geometry(rule.dN @ jacobian_inverse, determinant * rule.weights)
 
 
-def shape_hessians(element, coordinates):
-    """Return d2N/dx2, (E, A, d, d) [1/m²], of the affine part of the map (exact on straight-sided elements)."""
-    pull = _affine_pull(element, coordinates)
-    return np.swapaxes(pull, 1, 2)[:, None] @ element.hessian() @ pull[:, None]
+@dataclass(frozen=True)
+class SecondDerivatives:
+    """Second derivatives by x on quadratic elements in one configuration, curved ones included:
+
+        d²U/dx_i dx_j = (d²U/dxi_m dxi_n - dU/dx_k d²x_k/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j
+
+    G (E, Q, A, d) [1/m]; bend (E, d, d²) = d²x_k/dxi_m dxi_n [m]; reference_slope (E, Q, d), the `volume_slope` of the
+    reference configuration.
+    """
+
+    element: Element
+    G: np.ndarray
+    bend: np.ndarray
+    reference_slope: np.ndarray | None
+
+    @classmethod
+    def at(cls, element, coordinates, geometry_of_elements, reference_slope):
+        """Return those of elements with nodal coordinates (E, A, d); without a reference slope there is no `volume_gradient`."""
+        return cls(element, geometry_of_elements.G, _by_reference(element, coordinates), reference_slope)
+
+    def part(self, chunk):
+        """Return those of a slice of the elements."""
+        return SecondDerivatives(self.element, self.G[chunk], self.bend[chunk], self.reference_slope[chunk])
+
+    @cached_property
+    def shapes(self):
+        """Return d²N_a/dx_i dx_j, (E, Q, A, d, d) [1/m²]."""
+        hessian = self.element.hessian()
+        return self._to_space(hessian.reshape(len(hessian), -1), self.G)
+
+    def field(self, U, gradient):
+        """Return d²U_k/dx_i dx_j, (E, Q, k, d, d), of nodal values U (E, A, k) with dU_k/dx_j (E, Q, k, d)."""
+        return self._to_space(_by_reference(self.element, U)[:, None], gradient)
+
+    def viscous(self, U, gradient):
+        """Return ΔU + ∇ div U, (E, Q, d), of nodal values U (E, A, d) with dU_k/dx_j (E, Q, d, d): `field` contracted early."""
+        pull, d = self._pull, self.element.dim
+        second = _by_reference(self.element, U)[:, None] - self._bent(gradient)
+        metric = (pull @ np.swapaxes(pull, 2, 3)).reshape(*pull.shape[:2], d * d, 1)
+        mixed = np.einsum("eqlmn,eqnl->eqm", second.reshape(*pull.shape[:2], d, d, d), pull)
+        return (second @ metric + np.swapaxes(pull, 2, 3) @ mixed[..., None])[..., 0]
+
+    def _to_space(self, second, gradient):
+        """Return second derivatives by x, (E, Q, k, d, d), from those by xi, (..., k, d²), and first ones by x, (E, Q, k, d)."""
+        d = self.element.dim
+        pairs = np.einsum("eqmi,eqnj->eqmnij", self._pull, self._pull).reshape(*self.G.shape[:2], d * d, d * d)
+        return ((second - self._bent(gradient)) @ pairs).reshape(*gradient.shape, d)
+
+    def _bent(self, gradient):
+        """Return dU_k/dx_l d²x_l/dxi_m dxi_n, (E, Q, k, d²), of dU_k/dx_l (E, Q, k, d): one product for each element."""
+        E, Q, k, d = gradient.shape
+        return (gradient.reshape(E, Q * k, d) @ self.bend).reshape(E, Q, k, d * d)
+
+    @cached_property
+    def _pull(self):
+        """Return dxi/dx, (E, Q, d, d) [1/m]: the map represents xi by its values at the nodes."""
+        return self.element.node_coordinates.T @ self.G
+
+    @property
+    def volume_slope(self):
+        """Return d ln|dx/dxi| / dxi_m = dxi_n/dx_k d²x_k/dxi_n dxi_m, (E, Q, d)."""
+        E, Q, _, d = self.G.shape
+        bend = np.swapaxes(self.bend.reshape(E, d, d, d), 1, 2)
+        return self._pull.reshape(E, Q, d * d) @ bend.reshape(E, d * d, d)
+
+    @property
+    def volume_gradient(self):
+        """Return ∇ ln J, (E, Q, d) [1/m], J the volume ratio to the reference configuration."""
+        return np.einsum("eqmi,eqm->eqi", self._pull, self.volume_slope - self.reference_slope)
 
 
-def affine_gradients(element, coordinates):
-    """Return how the affine part of the map follows the nodes, (E, A, d) [1/m]: barycentric gradients, 0 beside the vertices."""
-    gradients, d = np.zeros(coordinates.shape), element.dim
-    gradients[:, 1 : d + 1] = _affine_pull(element, coordinates)
-    gradients[:, 0] = -gradients.sum(axis=1)
-    return gradients
-
-
-def _affine_pull(element, coordinates):
-    """Return dxi/dx of the affine part of the map, (E, d, d) [1/m]."""
-    edges = coordinates[:, 1 : element.dim + 1] - coordinates[:, :1]
-    return inverse(np.swapaxes(edges, 1, 2))[0]
+def _by_reference(element, U):
+    """Return d²U_k/dxi_m dxi_n, (E, k, d²), of nodal values (E, A, k)."""
+    hessian = element.hessian()
+    return np.swapaxes(U, 1, 2) @ hessian.reshape(len(hessian), -1)
 
 
 def element_size(element, rule, geometry_of_elements):

@@ -5,7 +5,8 @@ Momentum (w) and volume balance (q) over the current configuration, with c = v -
     ∫ w·[ρ (a + c·∇v) + n ∇p + S w_rel - ρ b] + ∫ ∇w : 2 n μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ n ν_L div w (div v_s + n div w_rel)
     ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ χ c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
 
-r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - n μ (Δv + ∇ div v) is the full strong residual, n the fluid fraction, ρ = n ρ_fR.
+r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - div(2 n μ sym ∇v) is the full strong residual, n the fluid fraction, ρ = n ρ_fR.
+On linear elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume balance has no w_rel·∇n.
 The pressure term is not integrated by parts, so that an impermeable surface, fixed or moving (w_rel·n = 0), is natural; a
 drained one prescribes p (Tezduyar 1992 for PSPG and LSIC; the subgrid velocity is -τ r).  Terms are kept apart, see
 `kernels.solid`.
@@ -27,8 +28,9 @@ class FlowElements:
     """Elements and coefficients of one chunk, frozen during an iteration.
 
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
-    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s]; tau_u (E, Q) = χ c_v τ_u [m³ s/kg];
-    hessian (E, A, d, d) or None.
+    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0 where n varies;
+    tau_u (E, Q) = χ c_v τ_u [m³ s/kg]; second: `fem.geometry.SecondDerivatives`, or None on linear elements or where μ = 0;
+    grad_n (E, Q, d) [1/m] of a varying n, where there is `second`.
     """
 
     N: np.ndarray
@@ -41,7 +43,8 @@ class FlowElements:
     tau_supg: np.ndarray
     nu_lsic: np.ndarray
     tau_u: np.ndarray
-    hessian: np.ndarray | None
+    second: Any
+    grad_n: np.ndarray | None
     convection: bool
     order: int
 
@@ -88,11 +91,15 @@ def flow_points(el, f):
         acceleration = acceleration + el.rho[..., None] * (grad_v @ c[..., None])[..., 0]
     w = el.N @ (f.v - f.v_s)
     residual = balance = acceleration + el.n[..., None] * grad_p + el.S[..., None] * w - el.rho[..., None] * f.b
-    if el.mu and el.hessian is not None:
-        second = np.einsum("eaij,eak->eijk", el.hessian, f.v)
-        divergence = np.einsum("eiik->ek", second) + np.einsum("eijj->ei", second)
-        residual = residual - (el.n * el.mu)[..., None] * divergence[:, None]
+    if el.second is not None:
+        residual = balance - viscous_force(el, f, grad_v)
     return FlowPoints(c, grad_v, acceleration, grad_p, w, balance, residual)
+
+
+def viscous_force(el, f, grad_v):
+    """Return div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n], (E, Q, d) [N/m³]."""
+    turned = ((grad_v + np.swapaxes(grad_v, 2, 3)) @ el.grad_n[..., None])[..., 0]
+    return el.mu * (el.n[..., None] * el.second.viscous(f.v, grad_v) + turned)
 
 
 def flow_residual(el, f):
@@ -180,9 +187,10 @@ def flow_tangent(el, f, c_f, components):
         for i in range(d):
             for j in range(d):
                 K[:, :, i, :, j] += bilinear((n * el.mu * dV)[..., None] * Gq[..., j], Gq[..., i])
-    full = _strong_full(el, x, Gq) if el.convection or (el.mu and el.hessian is not None) else None
-    if el.mu and el.hessian is not None:
-        strong = strong - (n * el.mu)[..., None] * np.einsum("eaii->ea", el.hessian)[:, None]
+    full = _strong_full(el, x, Gq) if el.convection or el.second is not None else None
+    if el.second is not None:
+        along = (Gq @ el.grad_n[..., None])[..., 0]
+        strong = strong - el.mu * (n[..., None] * np.einsum("eqaii->eqa", el.second.shapes) + along)
     if el.convection:
         streamline = (el.tau_supg * el.rho * dV)[..., None] * advected
         scalar = scalar + bilinear(streamline, strong)
@@ -214,8 +222,8 @@ def _strong_full(el, x, Gq):
     full = np.zeros((*Gq.shape[:3], d, d))
     if el.convection:
         full += el.N[..., None, None] * strong_gradient(el, x)[:, :, None]
-    if el.mu and el.hessian is not None:
-        full -= (el.n * el.mu)[..., None, None, None] * el.hessian[:, None]
+    if el.second is not None:
+        full -= el.mu * (el.n[..., None, None, None] * el.second.shapes + Gq[..., None] * el.grad_n[:, :, None, None])
     return full
 
 

@@ -55,11 +55,8 @@ def solid_by_geometry(N, geometry, n, S, derivatives, p, w):
     return _assemble(N, geometry, x)
 
 
-def flow_by_geometry(el, f, derivatives, affine=None):
-    """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d) [N/m and m²/s].
-
-    affine : gradients of the shape functions of the affine part of the map (E, A, d), where `el.hessian` is used
-    """
+def flow_by_geometry(el, f, derivatives):
+    """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d) [N/m and m²/s]."""
     x = flow_points(el, f)
     d = el.geometry.G.shape[-1]
     densities = Densities.zeros(el.geometry.dV.shape, d + 1, d)
@@ -68,8 +65,8 @@ def flow_by_geometry(el, f, derivatives, affine=None):
     _add_volume(densities, el, x, derivatives, gradients, strong)
     _add_undrained(densities, el, f.dp)
     K = _assemble(el.N, el.geometry, densities)
-    if el.mu and el.hessian is not None:
-        K += _second_derivatives(el, f, x, affine)
+    if el.second is not None:
+        _add_curving(K, el, x, derivatives)
     if el.order > 1:
         K[:, :, d] += _undrained_means(el, f.dp)
     return K
@@ -117,9 +114,8 @@ def _add_momentum(densities, el, f, x, derivatives, gradients):
     densities.dA[:, :, :d] += strong
     if el.mu:
         _add_viscous(densities, el, x, derivatives)
-    if el.mu and el.hessian is not None:
-        body_free = x.residual - densities.A[..., :d]  # -n μ (Δv + ∇ div v)
-        strong = strong + _by_volume(relative * body_free)
+    if el.second is not None:
+        strong = strong - _viscous_force_by_geometry(el, f, x, derivatives)
     if el.convection:
         _add_convection(densities, el, x, derivatives, gradients, strong)
     return strong
@@ -134,6 +130,20 @@ def _add_viscous(densities, el, x, derivatives):
     densities.dB[:, :, :d] -= mu * el.n[..., None, None, None, None] * turned
 
 
+def _viscous_force_by_geometry(el, f, x, derivatives):
+    """Return the derivative of `flow.viscous_force` by H, (E, Q, d, d, d); that by ∇H is in `_add_curving`.
+
+    δ(∂_i∂_j v) = -∂_m∂_j v H_mi - ∂_i∂_m v H_mj, and δ(∂_j n) = -∂_m n H_mj - ∂_j n tr H because J n_s is constant (or n).
+    """
+    identity, n = np.eye(x.w.shape[-1]), el.n[..., None, None, None]
+    s, stress = el.second.field(f.v, x.grad_v), x.grad_v + np.swapaxes(x.grad_v, 2, 3)
+    d_inner = 2 * np.einsum("eqmil->eqmli", s) + np.einsum("eqiml->eqmli", s) + np.einsum("eqjjl,mi->eqmli", s, identity)
+    d_stress = np.einsum("eqml,eqi->eqmli", x.grad_v, el.grad_n) + np.einsum("eqjl,eqj,mi->eqmli", x.grad_v, el.grad_n, identity)
+    d_grad_n = np.einsum("eqmi,eql->eqmli", stress, el.grad_n)
+    volume = derivatives.n[..., None] * el.second.viscous(f.v, x.grad_v) - (stress @ el.grad_n[..., None])[..., 0]
+    return el.mu * (_by_volume(volume) - n * d_inner - d_stress - d_grad_n)
+
+
 def _add_convection(densities, el, x, derivatives, gradients, strong):
     """Add SUPG, τ ρ r_m c_j, and LSIC, n ν_L (div v_s + n div w) δ_mj."""
     d = x.w.shape[-1]
@@ -141,10 +151,9 @@ def _add_convection(densities, el, x, derivatives, gradients, strong):
     by_volume = _by_volume((rho * derivatives.n / el.n)[..., None] * x.residual)
     densities.B[:, :, :d] += rho[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
     densities.dB[:, :, :d] += np.einsum("eqmli,eqj->eqmjli", by_volume + rho[..., None, None, None] * strong, x.c)
-    excess, n_nu = gradients.div - gradients.div_s, el.n * el.nu_lsic
-    total = gradients.div_s + el.n * excess
-    change = (derivatives.n * el.nu_lsic * total + n_nu * derivatives.n * excess)[..., None, None] * identity
-    change = change + n_nu[..., None, None] * (gradients.d_div_s + el.n[..., None, None] * (gradients.d_div - gradients.d_div_s))
+    n_nu, n = el.n * el.nu_lsic, el.n[..., None, None]  # n is constant where ν_L is not zero
+    total = gradients.div_s + el.n * (gradients.div - gradients.div_s)
+    change = n_nu[..., None, None] * (gradients.d_div_s + n * (gradients.d_div - gradients.d_div_s))
     densities.B[:, :, :d] += (n_nu * total)[..., None, None] * identity
     densities.dB[:, :, :d] += np.einsum("eqli,mj->eqmjli", change, identity)
 
@@ -200,23 +209,27 @@ def _undrained_means(el, dp):
     return -np.einsum("eaj,eblj->eabl", left, d_mean_g[:, 0]) - np.einsum("eq,eqaj,eblj->eabl", dV, G, d_mean_f[:, 0])
 
 
-def _second_derivatives(el, f, x, affine):
-    """Return the part of SUPG and PSPG by the second derivatives, whose map is affine: δh_ij = -(H_mi h_mj + h_im H_mj).
+def _add_curving(K, el, x, derivatives):
+    """Add the part of SUPG and PSPG by ∇H, the second derivatives of δy, in place.
 
-    δr_m = n μ T_mli ∂_i N_b, T_mli = 2 h_li v_m + δ_mi h_lj v_j + h_ml v_i summed over the nodes, with the affine gradients.
+    Of -div(2 n μ sym ∇v): μ n (∂_l v_m ∂_i∂_i + ∂_l v_i ∂_m∂_i) δy_l - μ J dn/dJ (∂_m v_j + ∂_j v_m) ∂_j∂_l δy_l.
     """
-    G, dV = el.geometry.G, el.geometry.dV
-    d = G.shape[-1]
-    s = np.einsum("eaij,eak->eijk", el.hessian, f.v)
-    T = 2 * np.einsum("elim->emli", s) + np.einsum("eljj,mi->emli", s, np.eye(d)) + s
-    change = np.einsum("emli,ebi->embl", T, affine)  # of -(Δv + ∇ div v)_m by y_bl
-    viscous, Gq = el.n * el.mu * dV, broadcast_gradient(G, dV.shape[1])
-    K = np.zeros((*G.shape[:1], G.shape[2], d + 1, G.shape[2], d))
-    K[:, :, d] = np.einsum("eq,eqam,embl->eabl", el.tau * el.n * viscous, Gq, change, optimize=True)
-    if el.convection:
-        streamline = np.einsum("eq,eqaj,eqj->ea", el.tau_supg * el.rho * viscous, Gq, x.c, optimize=True)
-        K[:, :, :d] = np.einsum("ea,embl->eambl", streamline, change)
-    return K
+    dV, shapes, d = el.geometry.dV, el.second.shapes, x.w.shape[-1]
+    G = broadcast_gradient(el.geometry.G, dV.shape[1])
+    stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
+    E, Q, A = G.shape[:3]
+    rows = shapes.reshape(E, Q, A * d, d)
+    change = np.einsum("eqbii->eqb", shapes)[..., None, None] * x.grad_v[:, :, None]
+    change += (rows @ x.grad_v).reshape(shapes.shape)
+    change *= el.n[..., None, None, None]
+    change -= np.swapaxes((rows @ (derivatives.n[..., None, None] * stress)).reshape(shapes.shape), 3, 4)
+    change *= (el.mu * dV)[..., None, None, None]
+    for m in range(d):
+        right = change[:, :, :, m].reshape(E, Q, A * d)
+        K[:, :, d] += bilinear((el.tau * el.n)[..., None] * G[..., m], right).reshape(E, A, A, d)
+        if el.convection:
+            streamline = (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0]
+            K[:, :, m] += bilinear(streamline, right).reshape(E, A, A, d)
 
 
 def _assemble(N, geometry, x):

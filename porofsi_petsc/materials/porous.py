@@ -36,14 +36,23 @@ class PorousMaterial:
             return np.broadcast_to(1 - self.n_s0, J.shape)
         return 1 - self.n_s0 / J
 
+    def fluid_fraction_slope(self, J):
+        """Return J dn_f/dJ = n_s0/J, or 0 with constant porosity, the shape of J."""
+        return self.n_s0 / J if self.variable_porosity else np.zeros(J.shape)
+
+    def fluid_fraction_gradient(self, J, second):
+        """Return ∇n_f = J dn_f/dJ ∇ ln J, (E, Q, d) [1/m], at J (E, Q) and `fem.geometry.SecondDerivatives`."""
+        if not self.variable_porosity:
+            return np.broadcast_to(0.0, (*J.shape, second.G.shape[-1]))
+        return self.fluid_fraction_slope(J)[..., None] * second.volume_gradient
+
     def drag(self, J):
         """Return S = n_f² γ_fR/k_f(J) [N s/m^4], the shape of J."""
         return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability(J, self.n_s0, self.exponent)
 
     def volume_derivatives(self, J):
-        """Return J dn_f/dJ and J dS/dJ, the shape of J, exact to round-off by a complex step (Squire & Trapp 1998)."""
-        stretched = J * (1 + 1e-30j)
-        return np.imag(self.fluid_fraction(stretched)) / 1e-30, np.imag(self.drag(stretched)) / 1e-30
+        """Return J dn_f/dJ and J dS/dJ, the shape of J, the latter by a complex step exact to round-off (Squire & Trapp 1998)."""
+        return self.fluid_fraction_slope(J), np.imag(self.drag(J * (1 + 1e-30j))) / 1e-30
 
     def open_pores(self, J):
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when nothing depends on it."""

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ..fem.geometry import affine_gradients
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..stopwatch import timed
@@ -170,7 +169,10 @@ class FluidPhase:
         material, setup = self._setup.materials[region], self._setup
         J = configuration.J[chunk]
         n = material.fluid_fraction(J)
-        stabilization = self._parameters
+        stabilization, second, grad_n = self._parameters, None, None
+        if material.viscosity and configuration.second is not None:
+            second = configuration.second.part(chunk)
+            grad_n = material.fluid_fraction_gradient(J, second)
         return kernel.FlowElements(
             N=self.domain.mass.N,
             geometry=configuration.geometry.part(chunk),
@@ -182,7 +184,8 @@ class FluidPhase:
             tau_supg=setup.supg * stabilization.tau[chunk],
             nu_lsic=stabilization.nu_lsic[chunk],
             tau_u=stabilization.tau_u[chunk],
-            hessian=None if configuration.hessian is None else configuration.hessian[chunk],
+            second=second,
+            grad_n=grad_n,
             convection=setup.convection,
             order=self.domain.element.order,
         )
@@ -269,9 +272,7 @@ class FluidPhase:
             elements = self._elements(region, chunk, skeleton.configuration)
             J = skeleton.configuration.J[chunk]
             derivatives = shape.VolumeDerivatives(*self._setup.materials[region].volume_derivatives(J))
-            positions = (self.mesh.X + skeleton.displacement)[domain.cells[chunk]]
-            affine = affine_gradients(domain.element, positions)
-            yield chunk, shape.flow_by_geometry(elements, _part(fields, chunk), derivatives, affine)
+            yield chunk, shape.flow_by_geometry(elements, _part(fields, chunk), derivatives)
 
     def dragged_fraction(self, skeleton, rates):
         """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a node's elements (collective)."""

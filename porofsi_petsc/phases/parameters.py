@@ -37,7 +37,7 @@ class StabilizationParameters:
         viscous = 4 * n * material.viscosity / h[:, None] ** 2
         convective = stabilization.convective_scale(N, G, rho, c) if setup.convection else 0.0
         self.tau[chunk] = stabilization.momentum_tau(transient, material.drag(J), viscous, convective)
-        if setup.convection and setup.lsic:
+        if setup.convection and setup.lsic and not material.variable_porosity:  # LSIC knows no w·∇n_f
             self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
 
     def _undrained(self, chunk, material, J, rates):
