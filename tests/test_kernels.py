@@ -120,7 +120,7 @@ def flow_chunk(element, rng, mu, convection):
         second, grad_n = SecondDerivatives.at(element, X, current, None), rng.standard_normal((E, Q, d))
     elements = flow.FlowElements(
         N=rule.N, geometry=current, n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), tau_supg=points(),
-        nu_lsic=points(), tau_u=points(), 
+        nu_lsic=points(), tau_u=points(),
         second=second, grad_n=grad_n, convection=convection, order=element.order,
     )  # fmt: skip
     nodal = lambda *shape: rng.standard_normal((E, A, *shape))  # noqa: E731
