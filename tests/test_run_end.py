@@ -100,6 +100,7 @@ def test_a_failing_step_is_cut_and_the_run_goes_on(tmp_path):
         "time.end=0.04",
         "time.step=0.02",
         "limits.mesh_displacement=report",
+        "limits.porosity_change=report",
         'coupling.on_failure="cut_step"',
         "coupling.max_iterations=30",
         "coupling.max_cuts=8",
