@@ -20,7 +20,7 @@ class StepControl:
     """Local error of displacement and pressure by Milne's device, and the step size that follows from it.
 
     The divided difference D of the present and the last k + 1 values is y^(k+1)/(k+1)!; a scheme of order k makes the error
-    C Δt^(k+1) D in a step, C = 1 for backward Euler (k = 1), 1/2 for the trapezoidal rule (k = 2), which stands for generalized-α.
+    C Δt^(k+1) D in a step, C = 1 for backward Euler (k = 1), 1/2 for the trapezoidal rule (k = 2), in place of generalized-α.
     It is measured in the Euclidean norm of the nodal values over the largest norm in the run.  The first k + 1 steps are taken
     as they are.
     """
