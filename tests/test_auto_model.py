@@ -12,6 +12,8 @@ from porofsi_petsc.simulation.energy import Energy
 
 SMALL = (*BLOCK, "time.end=0.02")
 ALL = tuple(f'model.{name}="auto"' for name in ("solid_inertia", "fluid_inertia", "convection", "moving_mesh", "porosity"))
+STATIC = ("model.solid_inertia=false", "model.fluid_inertia=false")
+LATE = {("solid_inertia", 11), ("fluid_inertia", 11)}
 
 
 def auto(*names):
@@ -64,6 +66,24 @@ def test_a_term_is_switched_on_within_a_run_and_says_so_once(tmp_path):
     # what is not modelled up to the bound changes no more than the bound: a displacement of 2e-4 element sizes
     run_here(Job("pulse2d", str(tmp_path / "true"), SMALL))
     assert largest_difference(rows["C.u_y"], history(tmp_path / "true")["C.u_y"]) < 2e-4
+
+
+def test_inertia_that_is_switched_on_late_goes_on_from_the_quasi_static_state(tmp_path):
+    """A slow load, then a pulse of 0.1 s in short steps: the second run switches both phases on and follows the dynamic run."""
+    load = "boundary.3.traction.y=-1e5*where(t<=0.5, 0.2*t, 0.1 + sin(10*pi*(t-0.5)))"
+    common = (*BLOCK, load, "time.step=0.05", "limits.inertia=5.0", "output.checkpoint_every=5")
+    ends = {}
+    for name, terms in (("auto", auto("solid_inertia", "fluid_inertia")), ("true", ()), ("false", STATIC)):
+        first = Job("pulse2d", str(tmp_path / name), (*common, *terms, "time.end=0.5"))
+        assert not run_here(first)["switched"]
+        bound = '"report"' if name == "false" else "0.1"
+        second = (*common, *terms, "time.end=0.6", "time.step=0.01", f"limits.inertia={bound}")
+        switched = run_here(continued(replace(first, overrides=second)))["switched"]
+        assert {(r["term"], r["step"]) for r in switched} == (LATE if name == "auto" else set())
+        ends[name] = history(tmp_path / name)["C.u_y"][-5:]
+    # what is left at 0.5 s of the waves of the start, which the quasi-static state does not have: 0.15 % of the pulse
+    assert largest_difference(ends["auto"], ends["true"]) < 5e-3
+    assert largest_difference(ends["false"], ends["true"]) > 0.3
 
 
 def test_the_variable_porosity_takes_the_moving_mesh_along(tmp_path):
