@@ -224,11 +224,11 @@ def _add_curving(K, el, x, derivatives):
     change *= el.n[..., None, None, None]
     change -= np.swapaxes((rows @ (derivatives.n[..., None, None] * stress)).reshape(shapes.shape), 3, 4)
     change *= (el.mu * dV)[..., None, None, None]
+    streamline = (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else None
     for m in range(d):
         right = change[:, :, :, m].reshape(E, Q, A * d)
         K[:, :, d] += bilinear((el.tau * el.n)[..., None] * G[..., m], right).reshape(E, A, A, d)
         if el.convection:
-            streamline = (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0]
             K[:, :, m] += bilinear(streamline, right).reshape(E, A, A, d)
 
 
