@@ -7,13 +7,12 @@ import tempfile
 from pathlib import Path
 
 from porofsi_petsc import load_scene, run
+from porofsi_petsc.config.sections import Limits
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "model_terms.md"
 QUIET = ("output={}", "figures={}", "expect=[]")
 EVERYTHING = ("model.convection=true", "model.viscosity=true", "model.porosity=variable", "material.0.fluid.viscosity=1e-3")
-LIMITS = tuple(
-    f"limits.{name}=report" for name in ("strain", "mesh_displacement", "reynolds", "inertia", "porosity_change", "viscosity")
-)
+LIMITS = tuple(f"limits.{name}=report" for name in Limits.model_fields)
 SCENES = {
     "pulse2d": ("mesh.x.cells=[12, 2, 12]", "mesh.y.cells=[10]", "time.end=0.03"),
     "pulse3d": ("mesh.x.cells=[2, 5]", "mesh.y.cells=[2, 5]", "mesh.z.cells=[6]", "time.end=0.02"),

@@ -1,13 +1,14 @@
 """Scenes of the studies as dictionaries: one soil, and a block of it that is loaded on half of its drained top."""
 
 from ..config import Scene
+from ..config.sections import Limits
 from ..exact.confined import UNIAXIAL
 
 LAME = {"lambda": 8.375e6, "mu": 5.583e6}  # [Pa]
 POROSITY, SIZE = 0.33, 10.0  # [-], edge of the block [m]
 SMALL_LOAD = 3e3  # [Pa], 0.015 % drained compression
 COMPRESSION = 0.2  # drained, of the large-strain cases [-]
-REPORT_ALL = {name: "report" for name in ("strain", "mesh_displacement", "reynolds", "inertia")}
+REPORT_ALL = {name: "report" for name in Limits.model_fields}
 
 
 def confined_load(law, J, n_s0=1 - POROSITY):
