@@ -118,9 +118,10 @@ def flow_chunk(element, rng, mu, convection):
     current, second, grad_n = geometry(rule, X), None, None
     if mu and element.order == 2:
         second, grad_n = SecondDerivatives.at(element, X, current, None), rng.standard_normal((E, Q, d))
+    symmetric = rng.standard_normal((E, Q, d, d))
     elements = flow.FlowElements(
         N=rule.N, geometry=current, n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), tau_supg=points(),
-        nu_lsic=points(), tau_u=points(),
+        nu_lsic=points(), tau_u=symmetric @ np.swapaxes(symmetric, 2, 3),
         second=second, grad_n=grad_n, convection=convection, order=element.order,
     )  # fmt: skip
     nodal = lambda *shape: rng.standard_normal((E, A, *shape))  # noqa: E731

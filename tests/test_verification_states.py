@@ -58,7 +58,8 @@ def test_an_impermeable_loaded_surface_is_carried_by_the_fluid(tmp_path, law):
 @pytest.mark.parametrize("rho_inf", [0.0, 0.3, 1.0])
 def test_the_undrained_pressure_of_generalized_alpha_takes_the_load_at_once(tmp_path, law, rho_inf):
     """No part of it rings on as (-ρ∞)^n: p = q from the first step on, with inertia."""
-    dynamic = ("model.solid_inertia=true", "model.fluid_inertia=true", 'time.scheme="generalized_alpha"', f"time.rho_inf={rho_inf}")
+    inertia = ("model.solid_inertia=true", "model.fluid_inertia=true")
+    dynamic = (*inertia, 'time.scheme="generalized_alpha"', f"time.rho_inf={rho_inf}")
     run_here(Job(CONFINED, str(tmp_path / "run"), undrained(law, *dynamic, "time.end=0.05")))
     rows = history(tmp_path / "run")
     assert rows["base.p"][1:] == pytest.approx(1e5, rel=1e-5)  # ten coupling tolerances

@@ -130,3 +130,15 @@ def element_size(element, rule, geometry_of_elements):
     factorial = {2: 2.0, 3: 6.0}[element.dim]
     volume = np.broadcast_to(geometry_of_elements.dV, (len(geometry_of_elements.dV), len(rule.weights))).sum(axis=1)
     return (factorial * volume) ** (1 / element.dim) / element.order
+
+
+def element_size_tensor(element, coordinates, h):
+    """Return the tensor of the second moments of the vertices, scaled to det = h^(2 d), (E, d, d) [m²].
+
+    An element that is stretched has one length along and another one across; a regular one has h² times the identity.
+    coordinates (E, A, d); h (E,) of `element_size`
+    """
+    vertices = coordinates[:, : element.dim + 1]
+    arms = vertices - vertices.mean(axis=1, keepdims=True)
+    moments = np.swapaxes(arms, 1, 2) @ arms
+    return moments * (h**2 / np.linalg.det(moments) ** (1 / element.dim))[:, None, None]

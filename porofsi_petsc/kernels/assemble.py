@@ -47,6 +47,14 @@ def laplacian(G, weights):
     return weighted @ np.swapaxes(flat, 1, 2)
 
 
+def diffusion(G, tensors, dV):
+    """Return the sum over q of dN_a/dx_i T_ij dN_b/dx_j dV, (E, A, A), for symmetric tensors (E, Q, d, d)."""
+    weighted = tensors * dV[..., None, None]
+    if G.shape[1] == 1:
+        return G[:, 0] @ weighted.sum(axis=1) @ np.swapaxes(G[:, 0], 1, 2)
+    return (G @ weighted @ np.swapaxes(G, 2, 3)).sum(axis=1)
+
+
 def add_isotropic(matrix, block, components):
     """Add a scalar block (E, A, B) to the components (i, i) of matrix (E, A, m, B, m) for i < components, in place."""
     for i in range(components):

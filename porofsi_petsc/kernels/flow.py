@@ -3,7 +3,7 @@
 Momentum (w) and volume balance (q) over the current configuration, with c = v - v_m and w_rel = v - v_s:
 
     ∫ w·[ρ (a + c·∇v) + n ∇p + S w_rel - ρ b] + ∫ ∇w : 2 n μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ n ν_L div w (div v_s + n div w_rel)
-    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ χ c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
+    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ α² c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
 
 r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - div(2 n μ sym ∇v) is the full strong residual, n the fluid fraction, ρ = n ρ_fR.
 On linear elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume balance has no w_rel·∇n.
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .assemble import add_isotropic, bilinear, broadcast_gradient, laplacian, mass_matrix, test_gradient, test_value
+from .assemble import add_isotropic, bilinear, broadcast_gradient, diffusion, laplacian, mass_matrix, test_gradient, test_value
 
 MOMENTUM_TERMS = ("inertia", "pressure", "drag", "body", "viscous", "stabilization")
 VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
@@ -29,7 +29,7 @@ class FlowElements:
 
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
     tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0 where n varies;
-    tau_u (E, Q) = χ c_v τ_u [m³ s/kg]; second: `fem.geometry.SecondDerivatives`, or None on linear elements or where μ = 0;
+    tau_u (E, Q, d, d) = α² c_v τ_u [m³ s/kg]; second: `fem.geometry.SecondDerivatives`, None on linear elements or where μ = 0;
     grad_n (E, Q, d) [1/m] of a varying n, where there is `second`.
     """
 
@@ -71,7 +71,6 @@ class FlowPoints:
     acceleration: np.ndarray
     grad_p: np.ndarray
     w: np.ndarray
-    balance: np.ndarray
     residual: np.ndarray
 
 
@@ -90,10 +89,10 @@ def flow_points(el, f):
     if el.convection:
         acceleration = acceleration + el.rho[..., None] * (grad_v @ c[..., None])[..., 0]
     w = el.N @ (f.v - f.v_s)
-    residual = balance = acceleration + el.n[..., None] * grad_p + el.S[..., None] * w - el.rho[..., None] * f.b
+    residual = acceleration + el.n[..., None] * grad_p + el.S[..., None] * w - el.rho[..., None] * f.b
     if el.second is not None:
-        residual = balance - viscous_force(el, f, grad_v)
-    return FlowPoints(c, grad_v, acceleration, grad_p, w, balance, residual)
+        residual = residual - viscous_force(el, f, grad_v)
+    return FlowPoints(c, grad_v, acceleration, grad_p, w, residual)
 
 
 def viscous_force(el, f, grad_v):
@@ -115,35 +114,19 @@ def flow_residual(el, f):
     momentum = np.zeros((len(MOMENTUM_TERMS), *f.v.shape))
     for i in range(4):
         momentum[i] = valued[..., i * d : (i + 1) * d]
-    for i, flux in enumerate(_momentum_fluxes(el, f, x)):
-        momentum[4 + i] = test_gradient(G, dV, flux)
+    if el.mu:
+        viscous = (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
+        momentum[4] = test_gradient(G, dV, viscous)
+    if el.convection:
+        supg = (el.tau_supg * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
+        lsic = el.n * el.nu_lsic * (div_vs + el.n * (np.einsum("eqii->eq", x.grad_v) - div_vs))
+        momentum[5] = test_gradient(G, dV, supg + lsic[..., None, None] * np.eye(d))
     volume = np.empty((len(VOLUME_TERMS), *f.p.shape))
     volume[0] = valued[..., -1]
     fluxes = np.stack([-n * x.w, (el.tau * el.n)[..., None] * x.residual], axis=-2)
     volume[1:3] = np.moveaxis(test_gradient(G, dV, fluxes), -1, 0)
     volume[3] = undrained_residual(el, f.dp)
     return momentum, volume
-
-
-def momentum_imbalance(el, f):
-    """Return the sum of the momentum terms of `flow_residual`, (E, A, d) [N]."""
-    x = flow_points(el, f)
-    total = test_value(el.N, el.geometry.dV, x.balance)
-    for flux in _momentum_fluxes(el, f, x):
-        total = total + test_gradient(el.geometry.G, el.geometry.dV, flux)
-    return total
-
-
-def _momentum_fluxes(el, f, x):
-    """Yield what is tested with ∇w, (E, Q, d, d) [Pa]: viscous stress, then SUPG and LSIC; a term left out is zero."""
-    d = el.geometry.G.shape[-1]
-    if el.mu or el.convection:
-        yield (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
-    if el.convection:
-        supg = (el.tau_supg * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
-        div_vs, div_v = (np.einsum("eqii->eq", gradient) for gradient in (_nodal_gradient(el.geometry.G, f.v_s), x.grad_v))
-        lsic = el.n * el.nu_lsic * (div_vs + el.n * (div_v - div_vs))
-        yield supg + lsic[..., None, None] * np.eye(d)
 
 
 def undrained_gradient(el):
@@ -159,10 +142,10 @@ def undrained_gradient(el):
 
 
 def undrained_residual(el, dp):
-    """Return ∫ χ c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
+    """Return ∫ α² c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
     G = undrained_gradient(el)
     gradient = _nodal_gradient(G, dp[..., None])
-    return test_gradient(G, el.geometry.dV, el.tau_u[..., None, None] * gradient)[..., 0]
+    return test_gradient(G, el.geometry.dV, gradient @ el.tau_u)[..., 0]
 
 
 def flow_tangent(el, f, c_f, components):
@@ -207,7 +190,7 @@ def flow_tangent(el, f, c_f, components):
         if full is not None:
             for i in range(d):
                 K[:, :, d, :, j] += bilinear(pspg * Gq[..., i], full[..., i, j])
-    K[:, :, d, :, d] = laplacian(G, el.tau * n**2 * dV) + laplacian(undrained_gradient(el), el.tau_u * dV)
+    K[:, :, d, :, d] = laplacian(G, el.tau * n**2 * dV) + diffusion(undrained_gradient(el), el.tau_u, dV)
     return K
 
 

@@ -173,7 +173,7 @@ def _add_undrained(densities, el, dp):
     d = el.geometry.G.shape[-1]
     g, _, f, mean = _undrained_fluxes(el, dp)
     densities.B[:, :, d] += f - mean
-    densities.dB[:, :, d] -= el.tau_u[..., None, None, None] * np.einsum("eql,ji->eqjli", g, np.eye(d))
+    densities.dB[:, :, d] -= np.einsum("eql,eqji->eqjli", g, el.tau_u)
 
 
 def _undrained_fluxes(el, dp):
@@ -182,10 +182,15 @@ def _undrained_fluxes(el, dp):
     g = broadcast_gradient((np.swapaxes(el.geometry.G, 2, 3) @ dp[:, None, :, None])[..., 0][:, :, None], dV.shape[1])[:, :, 0]
     if el.order == 1:
         none = np.zeros((len(g), 1, g.shape[-1]))
-        return g, none, el.tau_u[..., None] * g, none
+        return g, none, _times(el.tau_u, g), none
     mean = _mean(dV, g)
-    f = el.tau_u[..., None] * (g - mean)
+    f = _times(el.tau_u, g - mean)
     return g, mean, f, _mean(dV, f)
+
+
+def _times(tensors, vectors):
+    """Return T·x, (E, Q, d), of tensors (E, Q, d, d)."""
+    return (tensors @ vectors[..., None])[..., 0]
 
 
 def _mean(dV, X):
@@ -203,9 +208,9 @@ def _undrained_means(el, dp):
     g, mean_g, f, mean_f = _undrained_fluxes(el, dp)
     turned = -np.einsum("eql,eqbj->eqblj", g, G)
     d_mean_g = _mean(dV, turned + np.einsum("eqbl,eqj->eqblj", G, g - mean_g))
-    tau = el.tau_u[..., None, None, None]
-    d_mean_f = _mean(dV, tau * (turned - d_mean_g) + np.einsum("eqbl,eqj->eqblj", G, f - mean_f))
-    left = np.einsum("eq,eqaj->eaj", el.tau_u * dV, G)
+    turned_f = np.einsum("eqblj,eqji->eqbli", turned - d_mean_g, el.tau_u)
+    d_mean_f = _mean(dV, turned_f + np.einsum("eqbl,eqj->eqblj", G, f - mean_f))
+    left = np.einsum("eq,eqaj,eqji->eai", dV, G, el.tau_u, optimize=True)
     return -np.einsum("eaj,eblj->eabl", left, d_mean_g[:, 0]) - np.einsum("eq,eqaj,eblj->eabl", dV, G, d_mean_f[:, 0])
 
 

@@ -45,6 +45,14 @@ def stress_tangent(G0, dV0, law, u):
     return K
 
 
+def longitudinal_modulus(law, H):
+    """Return (1/d) Σ_i F_iJ F_iL A_iJiL/J, (E, Q) [Pa], A = dP/dF: the stiffness against a compression wave, E_c at H = 0."""
+    d = H.shape[-1]
+    F, A = H + np.eye(d), law.tangent(H)
+    along = sum(np.einsum("...j,...l,...jl->...", F[..., i, :], F[..., i, :], A[..., i, :, i, :]) for i in range(d))
+    return along / (d * np.linalg.det(F))
+
+
 def stored_energy(G0, dV0, law, u):
     """Return ∫ Psi dV0 of every element, (E,) [J]."""
     return (law.energy(displacement_gradient(G0, u)) * dV0).sum(axis=1)

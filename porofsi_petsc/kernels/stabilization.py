@@ -28,9 +28,12 @@ def lsic_viscosity(N, rho, c, h):
 STATIC_PART = 0.3
 
 
-def undrained_tau(E_c, h, c_a, rho):
-    """Return τ_u = max(1/(4 E_c/h² + c_a ρ), 0.3 h²/(4 E_c)), (E,) [m⁴/N]: the compliance of the skeleton at grid scale.
+def undrained_tau(E_c, size, c_a, rho):
+    """Return τ_u = Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, d, d) [m⁴/N]: the compliance at grid scale.
 
-    ρ = ρ_s + ρ_f [kg/m³]; c_a = d a_s/d y [1/s²].
+    size : (E, d, d) [m²] with eigenvalues h_i² along e_i, see `fem.geometry.element_size_tensor`; ρ = ρ_s + ρ_f [kg/m³];
+    c_a = d a_s/d y [1/s²]
     """
-    return np.maximum(1 / (4 * E_c / h**2 + c_a * rho), STATIC_PART * h**2 / (4 * E_c))
+    h2, e = np.linalg.eigh(size)
+    compliance = np.maximum(1 / (4 * E_c / h2 + c_a * rho), STATIC_PART * h2 / (4 * E_c))
+    return (e * compliance[:, None, :]) @ np.swapaxes(e, 1, 2)

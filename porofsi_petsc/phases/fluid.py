@@ -4,6 +4,7 @@ import numpy as np
 
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
+from ..kernels.solid import displacement_gradient, longitudinal_modulus
 from ..stopwatch import timed
 from .loads import body_acceleration
 from .parameters import StabilizationParameters
@@ -108,6 +109,23 @@ class FluidPhase:
             self._v1[wall] = skeleton.end_velocity[wall]
             self._update_rates()
 
+    def unbalanced(self, momentum):
+        """Return what the momentum residual adds to the skeleton's, (n_owned, d) [N]; nothing in the plain split.
+
+        Their sum is the balance of the mixture, in which the drag cancels.
+        """
+        return momentum.total if self._setup.split == "corrected" else 0.0
+
+    def drag_along(self, change):
+        """Add χ times a change of v_s, (n_local, d) [m/s], to v_f: what the drag does to it while the pressure is as it was.
+
+        An exact solution of the block does not see it.  A lagged tangent or an iterative solver leaves a part of the right side,
+        which therefore must not hold S Δv_s, up to 1e8 times any other force.
+        """
+        free = ~self._setup.mask[:, : self.mesh.dim]
+        self._v1 += np.where(free, self._chi[:, None] * change / self.scheme.alpha_f, 0.0)
+        self._update_rates()
+
     @timed("residual")
     def residual(self, skeleton):
         """Return the `Residual`s of momentum [N] and of the volume balance [m³/s] of the trial state on the skeleton."""
@@ -127,23 +145,6 @@ class FluidPhase:
             Residual(comm, momentum_terms, self._setup.velocity_free),
             Residual(comm, volume_terms, self._setup.pressure.free),
         )
-
-    @timed("residual")
-    def momentum_imbalance(self, skeleton):
-        """Return what the trial state leaves of the momentum balance on free rows, (n_owned, d) [N]; 0 in the plain split.
-
-        Added to the skeleton's residual it makes that of the mixture, from which the drag cancels.  The two differ by nothing
-        while the fluid is solved to the last digit; else what is left of S w, however small against S, would drive the skeleton.
-        """
-        domain = self.domain
-        if self._setup.split == "plain":
-            return 0.0
-        fields = self._trial_fields(skeleton)
-        vectors = np.empty(fields.v.shape)
-        for region, chunk in domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            vectors[chunk] = kernel.momentum_imbalance(elements, _part(fields, chunk))
-        return self._setup.velocity_free(domain.scatter_add(vectors))
 
     @property
     def _doubles_per_cell(self):
@@ -240,6 +241,7 @@ class FluidPhase:
             values[chunk] = K
         self._matrix.assemble()
         self._tangent_J = skeleton.configuration.J
+        self._chi = self.dragged_fraction(skeleton, rates)
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix, self.components)
@@ -251,7 +253,7 @@ class FluidPhase:
             elements = self._elements(region, chunk, skeleton.configuration)
             K = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, components)
             if split == "corrected":
-                self._add_skeleton_answer(K, elements, self._setup.materials[region], rates, chunk)
+                self._add_skeleton_answer(K, elements, self._setup.materials[region], skeleton, rates, chunk)
             yield chunk, K
 
     def trial_tangents(self, rates, skeleton):
@@ -285,12 +287,14 @@ class FluidPhase:
         total, count = (domain.scatter_add(np.broadcast_to(x, shape_of_nodes)) for x in (chi[:, None], 1.0))
         return self.mesh.halo.extend(total / count)[:, 0]
 
-    def _add_skeleton_answer(self, values, elements, material, rates, chunk):
+    def _add_skeleton_answer(self, values, elements, material, skeleton, rates, chunk):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure gradient the skeleton feels."""
         chi = rates.dragged_fraction(elements.S, elements.rho)
         alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
         inertia = rates.moving_inertia(elements.S, material.rho_s, elements.rho) if self._setup.has_auxiliary else 1.0
-        kernel.add_skeleton_answer(values, elements, alpha2_cv / material.elastic.oedometer_modulus, alpha2_cv / inertia)
+        H = displacement_gradient(self.domain.reference.G[chunk], self.domain.gather(skeleton.displacement)[chunk])
+        modulus = longitudinal_modulus(material.elastic, H)
+        kernel.add_skeleton_answer(values, elements, alpha2_cv / modulus, alpha2_cv / inertia)
         if self._setup.has_auxiliary:
             rows, terms = self._setup.free_surface
             here = (rows >= chunk.start) & (rows < chunk.stop)

@@ -6,7 +6,7 @@ from ..kernels import stabilization
 
 
 class StabilizationParameters:
-    """τ, ν_L and c_v τ_u at the quadrature points, (E, Q), of the state at the start of a step.
+    """τ, ν_L (E, Q) and α² c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of a step.
 
     They are kept over steps where nothing in them changes: neither convection nor a moving mesh, and the same step size.
     """
@@ -22,7 +22,7 @@ class StabilizationParameters:
             return
         self._made_for = rates
         shape = (domain.n_cells, len(domain.mass.weights))
-        self.tau, self.nu_lsic, self.tau_u = np.empty(shape), np.zeros(shape), np.empty(shape)
+        self.tau, self.nu_lsic, self.tau_u = np.empty(shape), np.zeros(shape), np.empty((*shape, domain.dim, domain.dim))
         c = domain.gather(v - skeleton.mesh_velocity)
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
             configuration, material = skeleton.configuration, setup.materials[region]
@@ -41,8 +41,10 @@ class StabilizationParameters:
             self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
 
     def _undrained(self, chunk, material, J, rates):
-        """Set χ c_v τ_u: the part χ of the fluid that the drag carries along needs it, the free part has PSPG."""
+        """Set α² c_v τ_u, α = n_s + χ n_f the part of the pressure gradient that moves the skeleton; the rest has PSPG."""
         rho = material.rho_s + (1 - material.n_s0) * material.rho_fR
-        compliance = stabilization.undrained_tau(material.elastic.oedometer_modulus, self._setup.domain.h[chunk], rates.c_a, rho)
-        chi = rates.dragged_fraction(material.drag(J), material.fluid_fraction(J) * material.rho_fR)
-        self.tau_u[chunk] = self._setup.undrained * rates.c_v * chi * compliance[:, None]
+        size = self._setup.domain.size_tensor[chunk]
+        compliance = stabilization.undrained_tau(material.elastic.oedometer_modulus, size, rates.c_a, rho)
+        n = material.fluid_fraction(J)
+        alpha = 1 - n + rates.dragged_fraction(material.drag(J), n * material.rho_fR) * n
+        self.tau_u[chunk] = (self._setup.undrained * rates.c_v * alpha**2)[..., None, None] * compliance[:, None]
