@@ -198,7 +198,7 @@ def info(file):
 
 @cli.group()
 def study():
-    """Make the tables of docs/studies again; a study goes on where it was stopped."""
+    """Many short runs and their tables; a study goes on where it was stopped."""
 
 
 def study_options(name):

@@ -116,7 +116,8 @@ def _arrange(figure, n, surface):
     rows = -(-n // columns)
     width = WIDTH if columns > 1 or aspect < 0.5 else 0.65 * WIDTH
     panel = (width - 1.3) / columns
-    figure.set_size_inches(width, min(rows * (panel * aspect + 0.27) + 0.65, 9.5))
+    labels = 0.65 if n == rows * columns else 1.05  # a panel above an empty place has its own x label
+    figure.set_size_inches(width, min(rows * (panel * aspect + 0.27) + labels, 9.5))
     return rows, columns, equal
 
 

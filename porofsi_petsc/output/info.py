@@ -139,4 +139,6 @@ def _read_mesh_of_any_dimension(path):
         try:
             return read_mesh(path, 3)
         except InputError as solid:
+            if str(plane) == str(solid):
+                raise
             raise InputError(f"read as a 2-D mesh: {plane}; read as a 3-D mesh: {solid}") from solid

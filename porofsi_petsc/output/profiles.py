@@ -13,7 +13,7 @@ WIDTH = 7.2  # [inch]
 
 
 def write_profiles(directory, records):
-    """Write one row per time and point: t [s], s along the line [m], u [m], p [Pa]; records as those of a comparison."""
+    """Write one row per time and point: t [s], s from the start of the line [m], u [m], p [Pa]; records of a comparison."""
     rows = [",".join(COLUMNS)]
     for record in records:
         columns = [record["profile"][name] for name in COLUMNS[1:]]
@@ -49,6 +49,7 @@ def _draw_kind(ax, profiles, name, label):
     for i, t in enumerate(profiles["t"][:, 0]):
         ax.plot(profiles["s"][i], factor * profiles[name][i], f"C{i % 10}-", label=f"$t$ = {t:.4g} s")
         exact = factor * profiles[f"{name}_exact"][i]
-        ax.plot(profiles["s"][i][::2], exact[::2], f"C{i % 10}o", markersize=3, label="exact" if i == 0 else None)
-    ax.set_xlabel("$s$ [m]")
+        ax.plot(profiles["s"][i][::2], exact[::2], f"C{i % 10}o", markersize=3)
+    ax.plot([], [], "ko", markersize=3, label="exact")
+    ax.set_xlabel("distance $s$ [m]")
     ax.set_ylabel(f"{label[0]} [{unit}]")

@@ -28,7 +28,8 @@ class Progress:
         share = (time - self.start) / (self.end - self.start) if self.end > self.start else 1.0
         elapsed = clock.monotonic() - self.began
         left = elapsed / share - elapsed if share > 0 else None
-        text = f"t = {time:.6g} s of {self.end:.6g} s, step {step}, {iterations} coupling iterations, {_duration(left)} left"
+        count = f"{iterations} coupling iteration{'s' if iterations != 1 else ''}"
+        text = f"t = {time:.6g} s of {self.end:.6g} s, step {step}, {count}, {_duration(left)} left"
         self._show.send((text, share))
 
     def close(self):

@@ -27,12 +27,12 @@ def draw_heat_maps(figure, panels, columns, rows):
         ax.set_xlabel("$k_f$ [m/s]")
     for ax in axes[:, 0]:
         ax.set_ylabel("$\\Delta t$ [s]")
-    figure.colorbar(image, ax=axes, label="largest iterations of a step", shrink=0.8)
+    figure.colorbar(image, ax=axes, label="largest number of iterations of a step", shrink=0.8)
 
 
 def draw_work_precision(figure, series, front):
     """Draw error over wall time, with the Pareto front, and over unknowns; series : label -> rows with these columns."""
-    figure.set_size_inches(2.3 * PANEL, 1.1 * PANEL)
+    figure.set_size_inches(2.7 * PANEL, 1.1 * PANEL)
     axes = figure.subplots(1, 2, sharey=True)
     for ax, column, label in zip(axes, ("seconds", "unknowns"), ("wall time [s]", "unknowns"), strict=True):
         for (name, rows), marker in zip(series.items(), "os^vD*", strict=False):
@@ -43,4 +43,4 @@ def draw_work_precision(figure, series, front):
     line = [[float(row[key]) for row in front] for key in ("seconds", "error")]
     axes[0].loglog(*line, color="0.3", linewidth=0.8, label="Pareto front", zorder=0)
     axes[0].set_ylabel("relative error")
-    axes[0].legend()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")

@@ -66,7 +66,8 @@ class _Run:
         self._start(restart, text)
         on_root(self.comm, write_text, self.directory / "scene.toml", text)
         stop, summary = StopRequest(self.comm, max_time), None
-        progress = Progress(self.scene.time.end, self.quiet, start_time=self.loop.clock.t, rank=self.comm.rank)
+        terminal = None if self.comm.size == 1 else False  # mpirun shows its ranks a terminal, also where it writes to a file
+        progress = Progress(self.scene.time.end, self.quiet, terminal, start_time=self.loop.clock.t, rank=self.comm.rank)
         try:
             self.records.progress = progress
             self.loop.run(stop)
@@ -83,7 +84,8 @@ class _Run:
 
     def _start(self, restart, text):
         mesh = self.coupling.solid.mesh
-        logger.info("%s: %d elements, %d nodes, %d ranks", self.scene.name, mesh.n_cells_global, mesh.n_global, self.comm.size)
+        ranks = "1 rank" if self.comm.size == 1 else f"{self.comm.size} ranks"
+        logger.info("%s: %d elements, %d nodes, %s", self.scene.name, mesh.n_cells_global, mesh.n_global, ranks)
         if restart is None:
             self.energy.start(*self.coupling.energies())
             self.records.open()

@@ -109,8 +109,9 @@ def study(directory, quick=False, anew=False, say=print):
     table = Table(directory / "coupling.csv", KEYS, VALUES, anew)
     rows = sweep(table, quick_cases() if quick else all_cases(), run_case, say)
     write_text(directory / "coupling.md", report(rows))
-    panels = heat_maps(rows)
-    save_figure(directory / "coupling.png", draw_heat_maps, panels, [f"{k:g}" for k in PERMEABILITIES], [str(dt) for dt in STEPS])
+    labels = [f"{k:g}" for k in PERMEABILITIES], [_label(dt) for dt in STEPS]
+    save_figure(directory / "coupling.png", draw_heat_maps, heat_maps(rows), *labels)
+    say(f"table: {directory / 'coupling.md'}")
     return rows
 
 
@@ -177,6 +178,10 @@ def heat_maps(rows):
         at = [str(dt) for dt in STEPS].index(str(_number(row["dt"]))), PERMEABILITIES.index(float(row["k"]))
         map_[at] = np.fmax(map_[at], np.inf if row["failure"] else int(row["max"]))
     return panels
+
+
+def _label(step):
+    return step if step == STATIC else f"{step:g}"
 
 
 def _number(text):

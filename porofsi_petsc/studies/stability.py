@@ -54,6 +54,7 @@ def study(directory, quick=False, anew=False, say=print):
     with tempfile.TemporaryDirectory() as scratch:
         rows = sweep(table, QUICK if quick else CASES, lambda case: run_case(case, Path(scratch)), say)
     write_text(directory / "stability.md", report(rows))
+    say(f"table: {directory / 'stability.md'}")
     return rows
 
 

@@ -119,6 +119,7 @@ def study(name, directory, changes=(), error=1e-2, cells=CELLS, steps=STEPS, ane
     write_text(table.path.with_suffix(".md"), text)
     save_figure(table.path.with_suffix(".png"), draw_work_precision, _series(rows), front)
     say(recommendation(rows, error))
+    say(f"table: {table.path.with_suffix('.md')}")
     return rows
 
 
@@ -207,7 +208,7 @@ def report(scene, changes, rows, front, error, finest):
     return TEXT.format(
         scene=scene.name,
         title=scene.title,
-        words=" ".join(f"--set {text}" for text in changes),
+        command=" ".join([f"porofsi study work-precision {scene.name}", *(f"--set {text}" for text in changes)]),
         against=against,
         sentence=recommendation(rows, error),
         front=markdown(header, [[row[column] for column in columns] for row in front]),
@@ -222,7 +223,7 @@ FINEST = """Errors: relative distance from the finest run ({finest}) over up to 
 quarters of the time, linear between steps."""
 TEXT = """# Work against error: {scene}
 
-{title}. Written by `porofsi study work-precision {scene} {words}` (do not edit by hand).
+{title}. Written by `{command}` (do not edit by hand).
 
 {against} Cells and steps are factors on those of the scene; an axis of one cell keeps it. Times are wall times of one core with
 set-up, without output and comparison.
