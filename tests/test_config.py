@@ -232,6 +232,10 @@ WRONG = [
     ("probe.0.quantities=['p', 'p']", "expected each quantity once"),
     ("probe.0.name='A.b'", "[probe.0.name]: received 'A.b', expected a name of letters"),
     ("figures.paths=['A']", "[figures.paths]: received 'A', expected a probe that records u_x and u_y"),
+    (
+        "reference={solution='xie_leo', load=1, length=1}",
+        "[reference.solution]: received 'xie_leo' with the laws 'linear_elastic'",
+    ),
     ("expect.0.quantity=A.u_x", "[expect.0.quantity]: received 'A.u_x', which no [[probe]] records; did you mean 'A.u_y'?"),
     ("expect.0.statistic=max", "[expect.0]: expected exactly one of at = TIME and statistic"),
     ("expect.0.value=0", "[expect.0.scale]: received nothing, expected a positive number"),
@@ -246,6 +250,12 @@ def test_wrong_input_gets_one_sentence(scene_file, override, sentence):
     assert sentence in text
     assert text.count("\n") == 0
     assert text.startswith("override") or str(scene_file) in text
+
+
+def test_the_error_of_a_displacement_needs_a_solution_that_has_one(scene_file):
+    reference = "reference={solution='strip_footing', load=1e4, length=1.0}"
+    with pytest.raises(InputError, match=r"expect.0.quantity\]: received 'error.u'"):
+        load_scene(scene_file, [reference, "expect.0.quantity=error.u"])
 
 
 def test_a_consistent_start_needs_a_skeleton_with_inertia(scene_file):

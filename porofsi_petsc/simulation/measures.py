@@ -170,12 +170,12 @@ class Measures:
         errors = self.comparison.records if self.comparison else []
         return {"sizes": self.sizes, "roughness": self.roughness, "largest_pressure": self.largest_pressure, "errors": errors}
 
-    def load(self, state):
-        """Continue from `state`; sizes of terms that are modelled now are dropped."""
+    def load(self, state, t):
+        """Continue from `state` at the time t [s]; sizes of terms that are modelled now are dropped."""
         self.sizes.update({name: size for name, size in state["sizes"].items() if name in self.sizes})
         self.roughness, self.largest_pressure = state["roughness"], state["largest_pressure"]
         if self.comparison:
-            self.comparison.records = state["errors"]
+            self.comparison.resume(state["errors"], t)
 
     def _maximum(self, cell_values):
         local = float(cell_values.max()) if cell_values.size else 0.0

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import InputError
 from ..exact import DynamicColumn, Mandel, Selfweight, StripFooting, Terzaghi, XieLeo, confined_ratio
 from ..fem.geometry import Rule, geometry
 from ..output.probes import Probes
 
 PROFILE_POINTS = 41
 STRIP_DEPTH = 4.0  # half widths of a strip load that its profile reaches down
+ROUNDING = 1 + 1e-12  # a time that a step misses by rounding is reached
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,13 @@ class _Soil:
 
 
 def exact_fields(scene):
-    """Return the `ExactFields` of the scene's [reference]."""
-    return SOLUTIONS[scene.reference.solution](scene, _Soil.of(scene))
+    """Return the `ExactFields` of the scene's [reference]; raise InputError where its parameters have no such solution."""
+    try:
+        exact = SOLUTIONS[scene.reference.solution](scene, _Soil.of(scene))
+        _require_load(scene, exact)
+    except (ArithmeticError, ValueError) as error:
+        raise InputError(_refused(scene, error)) from error
+    return exact
 
 
 def _column(scene, settlement, pressure, scale):
@@ -145,6 +152,23 @@ def _strip_footing(scene, soil):
     return ExactFields(None, lambda t, X: strip.pressure(X[:, 0], surface - X[:, 1], t), section.load, line, 1)
 
 
+def _require_load(scene, exact):
+    """Raise InputError where the fields at the end are not finite or zero along the profile: errors are relative to them."""
+    end = scene.time.end
+    with np.errstate(all="ignore"):
+        fields = [field(end, exact.line) for field in (exact.displacement, exact.pressure) if field]
+    if not all(np.isfinite(field).all() for field in fields):
+        raise InputError(_refused(scene, f"its fields at t = {end:g} s are not finite"))
+    if exact.pressure_scale == 0 or (exact.displacement and not fields[0].any()):
+        raise InputError(_refused(scene, f"its fields at t = {end:g} s are zero"))
+
+
+def _refused(scene, cause):
+    """Return the sentence about a solution that the scene does not have."""
+    text = f"received '{scene.reference.solution}', which the scene's parameters and loads do not have: {cause}"
+    return f"{scene.source_path or 'scene'} [reference]: {text}; expected those of the solution, docs/scene.md"
+
+
 SOLUTIONS = {
     "column_step": _column_step,
     "column_harmonic": _column_harmonic,
@@ -166,8 +190,12 @@ class Comparison:
     """
 
     def __init__(self, scene, domain):
-        """Prepare the quadrature over the owned elements and the points of the profile (collective)."""
-        self._exact, self._domain, self._times = exact_fields(scene), domain, scene.reference.times
+        """Prepare the quadrature over the owned elements and the points of the profile (collective).
+
+        Raises InputError where the scene has no such solution or where its profile leaves the mesh.
+        """
+        self._exact, self._domain = exact_fields(scene), domain
+        self._times, self._reached = scene.reference.times, 0.0
         rule = Rule.of(domain.element, 2 * domain.element.order + 2)
         self._cells = domain.cells[domain.owned]
         coordinates = domain.mesh.X[self._cells]
@@ -176,19 +204,32 @@ class Comparison:
         share = np.linspace(0, 1, PROFILE_POINTS)[:, None]
         self._line = (1 - share) * self._exact.line[0] + share * self._exact.line[1]
         self._distance = share[:, 0] * np.linalg.norm(self._exact.line[1] - self._exact.line[0])
-        self._probes = Probes(domain.mesh, [(f"profile {i}", point) for i, point in enumerate(self._line)])
+        self._probes = self._profile_probes(scene)
         self.records = []
+
+    def _profile_probes(self, scene):
+        try:
+            return Probes(self._domain.mesh, [(f"profile {i}", point) for i, point in enumerate(self._line)])
+        except InputError as outside:
+            ends = " to ".join("(" + ", ".join(f"{x:g}" for x in end) + ")" for end in self._exact.line)
+            found = f"the profile of '{scene.reference.solution}' from {ends} m leaves the mesh"
+            text = f"{found}, expected length and surface inside it"
+            raise InputError(f"{scene.source_path or 'scene'} [reference]: {text}") from outside
 
     def after_step(self, clock, u, p):
         """Record what is due at the accepted u (n_local, d) and p (n_local,) (collective)."""
-        done = {record["at"] for record in self.records}
-        due = [at for at in self._times if at <= clock.t * (1 + 1e-12) and at not in done]
+        before, self._reached = self._reached, clock.t * ROUNDING
+        due = [at for at in self._times if before < at <= self._reached]
         if clock.finished and clock.t not in due:
             due.append(clock.t)
         for at in due:
             self.records.append(
                 {"at": at, "t": clock.t} | self._errors(clock.t, u, p) | {"profile": self._profile(clock.t, u, p)}
             )
+
+    def resume(self, records, t):
+        """Go on at the time t [s] with the records of a checkpoint; what was not asked for then stays out."""
+        self.records, self._reached = records, t * ROUNDING
 
     def table(self):
         """Return the errors as a history: t and error.u, error.p, each (records,)."""

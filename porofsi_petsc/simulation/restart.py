@@ -6,6 +6,7 @@ from ..output.files import parse_toml
 
 # Sections that decide the state itself; time, output, solver and coupling settings may change.
 FIXED = ("model", "material", "boundary", "body_force", "stabilization")
+COMPARED = ("solution", "load", "length", "frequency", "surface")  # of [reference]: errors before and after belong together
 
 
 def resume(path, mesh, scene, text, loop, coupling, energy, measures):
@@ -33,18 +34,27 @@ def _load(path, header, arrays, scene, text, loop, coupling, energy, measures):
     schemes, rates = loop.clock.next_schemes(loop.model)
     coupling.load_state(arrays, header["coupling"], schemes, rates)
     energy.load(header["energy"])
-    measures.load(header["measures"])
+    measures.load(header["measures"], header["time"])
     if loop.control and header["step_control"]:
         loop.control.load(arrays, header["step_control"])
 
 
 def _require_same_scene(path, before, now):
-    for section in FIXED:
-        old, new = before.get(section), now.get(section)
+    fixed = _fixed(now, before)
+    for section, old in _fixed(before, now).items():
+        new = fixed[section]
         if old != new:
             key, received, expected = _difference(section, new, old)
             text = f"the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value"
             raise InputError(f"{path} [{key}]: {text}")
+
+
+def _fixed(scene, other):
+    """Return the tables of a scene (as TOML) that another one must have too."""
+    fixed = {section: scene.get(section) for section in FIXED}
+    if "reference" in scene and "reference" in other:
+        fixed["reference"] = {key: scene["reference"].get(key) for key in COMPARED}
+    return fixed
 
 
 def _difference(key, new, old):

@@ -172,7 +172,8 @@ class _Run:
 def check(scene):
     """Return a description of what a scene would solve; raises InputError as a run would (collective)."""
     mesh = local_mesh(scene, MPI.COMM_WORLD)
-    build_coupling(scene, mesh, Stopwatch())
+    coupling = build_coupling(scene, mesh, Stopwatch())
+    Measures(scene, coupling.solid.domain, porous_materials(scene, mesh))
     Probes(mesh, [(probe.name, probe.at) for probe in scene.probe])
     tags = ", ".join(sorted(mesh.facets))
     unknowns = mesh.n_global * (2 * mesh.dim + 1)
