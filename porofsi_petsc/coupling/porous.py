@@ -23,7 +23,7 @@ class PorousCoupling(PorousMedium):
     answers the new load, the others the coupling (measured: else IQN-ILS, which reuses old answers, takes one sweep more).
     """
 
-    advice = 'try a smaller step, coupling.accelerator = "anderson" or more coupling.max_iterations'
+    advice = 'try a smaller step, another coupling.accelerator ("anderson", "iqn_ils") or more coupling.max_iterations'
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, accelerator, full_newton):
         """Take the medium, an accelerator made with `dot`, and whether tangents are new in every sweep or lagged."""

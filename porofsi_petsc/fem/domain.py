@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse
 
 from ..errors import ConvergenceError
-from .geometry import Rule, SecondDerivatives, element_size, element_size_tensor, geometry
+from .geometry import Rule, SecondDerivatives, element_size, geometry
 
 CHUNK_BYTES = 2_000_000  # element matrices of one chunk; about the size of a core's second-level cache
 
@@ -81,11 +81,6 @@ class Domain:
     def h(self):
         """Return the element sizes in the reference configuration, (E,) [m]."""
         return element_size(self.element, self.mass, self.reference)
-
-    @cached_property
-    def size_tensor(self):
-        """Return the element sizes by direction in the reference configuration, (E, d, d) [m²]."""
-        return element_size_tensor(self.element, self.mesh.X[self.cells], self.h)
 
     def require(self, admissible, what):
         """Raise ConvergenceError on all ranks unless the condition, (E, ...) bool, holds in every element (collective)."""

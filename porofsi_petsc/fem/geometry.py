@@ -132,13 +132,12 @@ def element_size(element, rule, geometry_of_elements):
     return (factorial * volume) ** (1 / element.dim) / element.order
 
 
-def element_size_tensor(element, coordinates, h):
+def element_size_tensor(vertices, h):
     """Return the tensor of the second moments of the vertices, scaled to det = h^(2 d), (E, d, d) [m²].
 
     An element that is stretched has one length along and another one across; a regular one has h² times the identity.
-    coordinates (E, A, d); h (E,) of `element_size`
+    vertices (E, d + 1, d); h (E,) of `element_size`
     """
-    vertices = coordinates[:, : element.dim + 1]
     arms = vertices - vertices.mean(axis=1, keepdims=True)
     moments = np.swapaxes(arms, 1, 2) @ arms
-    return moments * (h**2 / np.linalg.det(moments) ** (1 / element.dim))[:, None, None]
+    return moments * (h**2 / np.linalg.det(moments) ** (1 / vertices.shape[-1]))[:, None, None]

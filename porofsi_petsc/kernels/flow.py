@@ -3,7 +3,7 @@
 Momentum (w) and volume balance (q) over the current configuration, with c = v - v_m and w_rel = v - v_s:
 
     ∫ w·[ρ (a + c·∇v) + n ∇p + S w_rel - ρ b] + ∫ ∇w : 2 n μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ n ν_L div w (div v_s + n div w_rel)
-    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ α² c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
+    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
 
 r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - div(2 n μ sym ∇v) is the full strong residual, n the fluid fraction, ρ = n ρ_fR.
 On linear elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume balance has no w_rel·∇n.
@@ -29,7 +29,7 @@ class FlowElements:
 
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
     tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0 where n varies;
-    tau_u (E, Q, d, d) = α² c_v τ_u [m³ s/kg]; second: `fem.geometry.SecondDerivatives`, None on linear elements or where μ = 0;
+    tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg]; second: `fem.geometry.SecondDerivatives`, None on linear elements or where μ = 0;
     grad_n (E, Q, d) [1/m] of a varying n, where there is `second`.
     """
 
@@ -142,7 +142,7 @@ def undrained_gradient(el):
 
 
 def undrained_residual(el, dp):
-    """Return ∫ α² c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
+    """Return ∫ c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
     G = undrained_gradient(el)
     gradient = _nodal_gradient(G, dp[..., None])
     return test_gradient(G, el.geometry.dV, gradient @ el.tau_u)[..., 0]

@@ -28,12 +28,13 @@ def lsic_viscosity(N, rho, c, h):
 STATIC_PART = 0.3
 
 
-def undrained_tau(E_c, size, c_a, rho):
-    """Return τ_u = Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, d, d) [m⁴/N]: the compliance at grid scale.
+def undrained_tau(E_c, size, inertia, moved, dragged):
+    """Return τ_u = Σ_i max(α²/(4 E_c/h_i² + c_a ρ), 0.3 χ h_i²/(4 E_c)) e_i e_i, (E, Q, d, d) [m⁴/N]: compliance at grid scale.
 
-    size : (E, d, d) [m²] with eigenvalues h_i² along e_i, see `fem.geometry.element_size_tensor`; ρ = ρ_s + ρ_f [kg/m³];
-    c_a = d a_s/d y [1/s²]
+    size : (E, d, d) [m²] with eigenvalues h_i² along e_i, see `fem.geometry.element_size_tensor`; inertia = c_a ρ [kg/(m³ s²)],
+    ρ = ρ_s + ρ_f; moved = α, the part of the pressure gradient that moves the skeleton, and dragged = χ (E, Q)
     """
     h2, e = np.linalg.eigh(size)
-    compliance = np.maximum(1 / (4 * E_c / h2 + c_a * rho), STATIC_PART * h2 / (4 * E_c))
-    return (e * compliance[:, None, :]) @ np.swapaxes(e, 1, 2)
+    dynamic, static = 1 / (4 * E_c / h2 + inertia), STATIC_PART * h2 / (4 * E_c)
+    compliance = np.maximum(moved[..., None] ** 2 * dynamic[:, None], dragged[..., None] * static[:, None])
+    return (e[:, None] * compliance[:, :, None, :]) @ np.swapaxes(e, 1, 2)[:, None]

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from ..fem.geometry import element_size_tensor
 from ..kernels import stabilization
 
 
 class StabilizationParameters:
-    """τ, ν_L (E, Q) and α² c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of a step.
+    """τ, ν_L (E, Q) and c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of a step.
 
     They are kept over steps where nothing in them changes: neither convection nor a moving mesh, and the same step size.
     """
@@ -24,10 +25,12 @@ class StabilizationParameters:
         shape = (domain.n_cells, len(domain.mass.weights))
         self.tau, self.nu_lsic, self.tau_u = np.empty(shape), np.zeros(shape), np.empty((*shape, domain.dim, domain.dim))
         c = domain.gather(v - skeleton.mesh_velocity)
+        positions = domain.mesh.X + skeleton.displacement if setup.moving_mesh else domain.mesh.X
+        vertices = positions[domain.cells[:, : domain.dim + 1]]
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
             configuration, material = skeleton.configuration, setup.materials[region]
             self._momentum(chunk, material, configuration.J[chunk], configuration.geometry.G[chunk], c[chunk], dt)
-            self._undrained(chunk, material, configuration.J[chunk], rates)
+            self._undrained(chunk, material, configuration.J[chunk], rates, vertices)
 
     def _momentum(self, chunk, material, J, G, c, dt):
         setup, N, h = self._setup, self._setup.domain.mass.N, self._setup.domain.h[chunk]
@@ -40,11 +43,11 @@ class StabilizationParameters:
         if setup.convection and setup.lsic and not material.variable_porosity:  # LSIC knows no w·∇n_f
             self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
 
-    def _undrained(self, chunk, material, J, rates):
-        """Set α² c_v τ_u, α = n_s + χ n_f the part of the pressure gradient that moves the skeleton; the rest has PSPG."""
-        rho = material.rho_s + (1 - material.n_s0) * material.rho_fR
-        size = self._setup.domain.size_tensor[chunk]
-        compliance = stabilization.undrained_tau(material.elastic.oedometer_modulus, size, rates.c_a, rho)
+    def _undrained(self, chunk, material, J, rates, vertices):
+        """Set c_v τ_u; where the fluid is free it has PSPG."""
+        size = element_size_tensor(vertices[chunk], self._setup.domain.h[chunk])
+        inertia = rates.c_a * (material.rho_s + (1 - material.n_s0) * material.rho_fR)
         n = material.fluid_fraction(J)
-        alpha = 1 - n + rates.dragged_fraction(material.drag(J), n * material.rho_fR) * n
-        self.tau_u[chunk] = (self._setup.undrained * rates.c_v * alpha**2)[..., None, None] * compliance[:, None]
+        chi = rates.dragged_fraction(material.drag(J), n * material.rho_fR)
+        tau = stabilization.undrained_tau(material.elastic.oedometer_modulus, size, inertia, 1 - n + chi * n, chi)
+        self.tau_u[chunk] = self._setup.undrained * rates.c_v * tau
