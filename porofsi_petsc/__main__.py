@@ -3,6 +3,7 @@
 Nothing heavy is imported before a command needs it, so that --help answers at once.
 """
 
+import math
 import sys
 import time
 import traceback
@@ -249,15 +250,22 @@ def _factors(context, parameter, text):
         found = tuple(float(word) for word in text.split(","))
     except ValueError:
         found = (0.0,)
-    if min(found) <= 0:
+    if not all(0 < factor < math.inf for factor in found):
         raise click.BadParameter(f"received '{text}', expected positive numbers such as 0.5,1,2")
     return found
+
+
+def _positive(context, parameter, value):
+    """Return a finite positive number."""
+    if not 0 < value < math.inf:
+        raise click.BadParameter(f"received '{value:g}', expected a positive number such as 1e-2")
+    return value
 
 
 @study_options("work-precision")
 @click.argument("scene")
 @overrides
-@click.option("--error", type=click.FloatRange(min=0, min_open=True), default=1e-2, help="The wanted one, default 1e-2.")
+@click.option("--error", type=float, default=1e-2, callback=_positive, help="The wanted one, default 1e-2.")
 @click.option("--cells", default="0.5,1,2", callback=_factors, metavar="LIST", help="Factors on the cells, default 0.5,1,2.")
 @click.option("--steps", default="2,1,0.5", callback=_factors, metavar="LIST", help="Factors on the step, default 2,1,0.5.")
 def study_work_precision(context, scene, overrides, error, cells, steps, output, quick, force):

@@ -173,7 +173,7 @@ def test_expectation_beyond_the_history_is_skipped():
 def test_directory_with_results_needs_force_or_restart(tmp_path):
     prepare(tmp_path / "new" / "deep", False, None, COMM)
     assert (tmp_path / "new" / "deep").is_dir()
-    for name in ("history.csv", "notes.txt", "summary.json.tmp", "checkpoint.previous.h5"):
+    for name in ("history.csv", "profiles.csv", "reference.png", "notes.txt", "summary.json.tmp", "checkpoint.previous.h5"):
         (tmp_path / name).touch()
     with pytest.raises(InputError, match="--force .*--restart"):
         prepare(tmp_path, False, None, COMM)

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from porofsi_petsc.__main__ import cli
+from porofsi_petsc.errors import InputError
 from porofsi_petsc.studies import coupling, soil
 from porofsi_petsc.studies.trial import attempt
 
@@ -30,6 +31,20 @@ def test_quick_study_writes_table_summary_and_picture_and_goes_on(tmp_path):
     (tmp_path / "coupling.csv").write_text("\n".join(kept))
     again = CliRunner().invoke(cli, ["study", "coupling", "--quick", "--output", str(tmp_path)])
     assert "2 of 4 cases are in" in again.output and len(rows_of(tmp_path / "coupling.csv")) == 4
+
+
+def test_a_place_that_cannot_hold_the_table_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="coupling.csv: could not be written .* --output"):
+        coupling.study(tmp_path / "file" / "below", quick=True)
+
+
+def test_a_file_that_is_no_table_is_refused_and_kept(tmp_path):
+    other = b"\x89PNG\xff\x00"
+    (tmp_path / "coupling.csv").write_bytes(other)
+    with pytest.raises(InputError, match="coupling.csv: .* --force"):
+        coupling.study(tmp_path, quick=True)
+    assert (tmp_path / "coupling.csv").read_bytes() == other
 
 
 def test_a_case_that_fails_says_so_and_breaks_its_bar():

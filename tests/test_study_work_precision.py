@@ -86,6 +86,7 @@ def test_front_and_recommendation():
     assert recommendation([row(None, 1)], 1) == "No run finished."
 
 
-def test_factors_must_be_positive():
-    result = CliRunner().invoke(cli, ["study", "work-precision", "terzaghi", "--cells", "1,-2"])
-    assert result.exit_code == 2 and "received '1,-2', expected positive numbers" in result.output
+@pytest.mark.parametrize("option, text", [("--cells", "1,-2"), ("--cells", "nan"), ("--steps", "1,inf"), ("--error", "nan")])
+def test_factors_and_error_must_be_positive(option, text):
+    result = CliRunner().invoke(cli, ["study", "work-precision", "terzaghi", option, text])
+    assert result.exit_code == 2 and f"received '{text}', expected" in result.output

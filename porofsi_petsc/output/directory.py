@@ -19,6 +19,8 @@ WRITTEN = (
     "displacement.png",
     "histories.png",
     "paths.png",
+    "profiles.csv",
+    "reference.png",
 )
 
 

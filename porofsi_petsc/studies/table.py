@@ -3,6 +3,7 @@
 import csv
 import time
 
+from ..errors import InputError
 from ..output.files import publish, temporary_name
 
 
@@ -10,14 +11,27 @@ class Table:
     """The rows of a CSV file, each a dict of texts; the first columns, `keys`, name the case."""
 
     def __init__(self, path, keys, values, anew=False):
-        """Go on with the file when it is there, unless all is wanted anew; incomplete rows and other columns are dropped."""
+        """Go on with the file when it is there, unless all is wanted anew; incomplete rows and other columns are dropped.
+
+        Raises InputError for a file that is no table and for a place that cannot be written to.
+        """
         self.path, self._keys, self._columns, self._rows = path, tuple(keys), [*keys, *values], {}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file() and not anew:
-            with path.open(newline="", encoding="utf-8") as file:
-                rows = [row for row in csv.DictReader(file) if list(row) == self._columns and None not in row.values()]
-            self._rows = {self._name(row): row for row in rows}
-        self._write()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.is_file() and not anew:
+                self._rows = self._read()
+            self._write()
+        except OSError as failure:
+            reason = failure.strerror
+            raise InputError(f"{path}: could not be written ({reason}); give another directory with --output") from failure
+        except (UnicodeDecodeError, csv.Error) as other:
+            text = "received a file that is no table, expected one of an earlier study"
+            raise InputError(f"{path}: {text}; replace it with --force, or give another directory with --output") from other
+
+    def _read(self):
+        with self.path.open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if list(row) == self._columns and None not in row.values()]
+        return {self._name(row): row for row in rows}
 
     def _name(self, row):
         return tuple(as_text(row[key]) for key in self._keys)
