@@ -49,5 +49,5 @@ class StabilizationParameters:
         inertia = rates.c_a * (material.rho_s + (1 - material.n_s0) * material.rho_fR)
         n = material.fluid_fraction(J)
         chi = rates.dragged_fraction(material.drag(J), n * material.rho_fR)
-        tau = stabilization.undrained_tau(material.elastic.oedometer_modulus, size, inertia, 1 - n + chi * n, chi)
+        tau = stabilization.undrained_tau(material.elastic.oedometer_modulus, size, inertia, 1 - n + chi * n)
         self.tau_u[chunk] = self._setup.undrained * rates.c_v * tau
