@@ -159,7 +159,10 @@ def list_command():
 @click.option("--output", type=click.Path(path_type=Path), default=Path("results/verify"), metavar="DIR", help="Results.")
 @click.pass_context
 def verify(context, cases, quick, as_text, output):
-    """Compare with exact solutions: run the CASEs (default all) and print computed, reference, error and bound."""
+    """Compare with exact solutions.
+
+    Runs the CASEs (default all) and prints computed, reference, error and bound.
+    """
     job = _join(context)
     from .errors import ExpectationError
     from .output.check_table import print_checks
@@ -199,7 +202,10 @@ def info(file):
 
 @cli.group()
 def study():
-    """Many short runs and their tables; a study goes on where it was stopped."""
+    """Many short runs and their tables.
+
+    A study goes on where it was stopped.
+    """
 
 
 def study_options(name):
@@ -228,7 +234,10 @@ def _alone(context):
 
 @study_options("coupling")
 def study_coupling(context, output, quick, force):
-    """Coupling iterations over permeability, step, mesh, order, strain and accelerator: 40 minutes on one core."""
+    """Iterations over permeability, step and mesh.
+
+    Also over order, strain and accelerator: 40 minutes on one core.
+    """
     _alone(context)
     from .studies.coupling import study as make
 
@@ -237,7 +246,10 @@ def study_coupling(context, output, quick, force):
 
 @study_options("stability")
 def study_stability(context, output, quick, force):
-    """Hard cases: the ends of the parameter range, bad meshes, 20 000 steps, what must be refused: 25 minutes on one core."""
+    """Hard cases and what must be refused.
+
+    The ends of the parameter range, bad meshes, 20 000 steps: 25 minutes on one core.
+    """
     _alone(context)
     from .studies.stability import study as make
 
@@ -269,7 +281,10 @@ def _positive(context, parameter, value):
 @click.option("--cells", default="0.5,1,2", callback=_factors, metavar="LIST", help="Factors on the cells, default 0.5,1,2.")
 @click.option("--steps", default="2,1,0.5", callback=_factors, metavar="LIST", help="Factors on the step, default 2,1,0.5.")
 def study_work_precision(context, scene, overrides, error, cells, steps, output, quick, force):
-    """Error of SCENE against wall time over order, mesh, step, tolerance, scheme and accelerator: 40 runs of it."""
+    """Error of SCENE against wall time.
+
+    Over order, mesh, step, tolerance, scheme and accelerator: 40 runs of it.
+    """
     _alone(context)
     from .studies.work_precision import study as make
 
