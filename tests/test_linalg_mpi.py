@@ -85,7 +85,7 @@ def test_fieldsplit_stays_right_while_the_matrix_changes_under_its_preconditione
     block = FluidBlock(COMM, 2, 5, has_auxiliary=True)
     A = block.matrix("fluid_")
     fields = fluid_fields(COMM, block.first_node, block.n_owned_nodes, 2, block.block_size)
-    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(2, direct=False, viscous=viscous), fields=fields)
+    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(2, direct=False, viscous=viscous) | TIGHT, fields=fields)
     first = gathered(solver.solve(block.load()))
     A.assemble(1.5 * block.element_matrices)
     solver.update()

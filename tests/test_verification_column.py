@@ -19,7 +19,13 @@ SHORT = replace(COLUMN, length=4.0)
 
 def errors(directory, refinement):
     """Run a column of 4 m at a refinement; return the relative errors of u and p at two depths over several times."""
-    mesh = ("mesh.y.points=[6.0, 10.0]", f"mesh.y.cells=[{32 * 2**refinement}]", "mesh.y.ratios=[1.0]")
+    mesh = (
+        "mesh.y.points=[6.0, 10.0]",
+        f"mesh.y.cells=[{32 * 2**refinement}]",
+        "mesh.y.ratios=[1.0]",
+        "reference.length=4.0",
+        "reference.surface=10.0",
+    )
     probes = [
         f'{{ name = "{name}", at = [0.05, {10 - z}], quantities = ["u_y", "p"] }}' for name, z in (("z05", 0.5), ("z1", 1.0))
     ]
