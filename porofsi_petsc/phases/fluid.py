@@ -75,6 +75,7 @@ class FluidPhase:
         b = self._setup.body_force
         self._b = body_acceleration(self.domain, b, t_alpha) if b else np.broadcast_to(0.0, shape)
         self._parameters.update(self.scheme.dt, rates, skeleton, self.v)
+        self._weigh_drag(skeleton)
 
     def _update_rates(self):
         if self._setup.inertia:
@@ -115,6 +116,21 @@ class FluidPhase:
         Their sum is the balance of the mixture, in which the drag cancels.
         """
         return momentum.total if self._setup.split == "corrected" else 0.0
+
+    def drag_scale(self):
+        """Return the norm of S v_f as nodal forces [N] (collective): round-off of v_f - v_s is that of this force."""
+        v = self._level(self.v, self._v1)[: self.mesh.n_owned]
+        force = self._drag_weight[:, None] * v
+        return float(np.sqrt(self.mesh.comm.allreduce(np.vdot(force, force))))
+
+    def _weigh_drag(self, skeleton):
+        """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N s/m]."""
+        domain, drag = self.domain, np.empty(self.domain.n_cells)
+        for region, span in domain.region_slices.items():
+            configuration = skeleton.configuration
+            drag[span] = (self._setup.materials[region].drag(configuration.J[span]) * configuration.geometry.dV[span]).sum(axis=1)
+        shape = domain.cells.shape
+        self._drag_weight = domain.scatter_add(np.broadcast_to(drag[:, None] / shape[1], shape))[:, 0]
 
     def drag_along(self, change):
         """Add χ times a change of v_s, (n_local, d) [m/s], to v_f: what the drag does to it while the pressure is as it was.
