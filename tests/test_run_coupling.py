@@ -3,6 +3,8 @@
 import pytest
 from running import Job, run_here
 
+from porofsi_petsc.errors import ConvergenceError
+
 BLOCK = ("mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.end=0.005", "coupling.max_iterations=100")
 LOAD = 'traction = { y = "-1e5*sin(25*pi*t)" }'
 SURFACES = {
@@ -33,6 +35,12 @@ def test_a_step_of_a_drained_block_takes_few_sweeps(tmp_path, k):
 def test_a_step_under_an_impermeable_surface_takes_few_sweeps(tmp_path, surface, order, k):
     overrides = (f"mesh.order={order}", f"material.0.permeability.k={k}")
     assert most_sweeps(tmp_path, *SURFACES[surface], *overrides) <= 15
+
+
+def test_a_permeability_below_double_precision_is_refused(tmp_path):
+    """S v_f is 1e16 times every force: its round-off would pass for the fluid's balance."""
+    with pytest.raises(ConvergenceError, match="too small for double precision"):
+        most_sweeps(tmp_path, "material.0.permeability.k=1e-20")
 
 
 @pytest.mark.parametrize("k", ["1e-8", "1e-12", "1e-14"])

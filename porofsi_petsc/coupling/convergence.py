@@ -1,4 +1,4 @@
-"""When a partitioned step is converged: the true residual of every field over the largest force of the step."""
+"""When a step is converged: the true residual of every field over the forces of its balance."""
 
 from math import isfinite
 
@@ -11,6 +11,8 @@ ROUND_OFF = 1e-13
 # The drag S (v_f - v_s) is a difference of forces S v that cancel: its round-off (measured at k_f = 1e-12 m/s on both orders and
 # three steps: 0.13 to 0.32 of this times |S v_f|).
 EPSILON = 2.2e-16
+# Above this part of the largest force present that round-off would pass for the balance of the fluid (1e-4 at k_f = 1e-14 m/s).
+BLIND = 1e-2
 # A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py).
 SLOW, WARM_UP = 0.45, 4
 
@@ -31,10 +33,10 @@ class Convergence:
         """Forget the scales of the last step; force_per_rate : of the volume balance [N s/m³], infinite where it is not known."""
         self._scales, self.history, self.force_per_rate = {}, [], float("inf")
 
-    def reached(self, norms, drag=0.0):
+    def reached(self, norms, drag):
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
 
-        drag : the force S v_f [N], of whose round-off no momentum residual is free
+        drag : the force S v_f [N], of whose round-off no momentum residual is free; raises ConvergenceError where it drowns them
         """
         errors = {}
         for field, (_, force) in norms.items():
@@ -47,8 +49,17 @@ class Convergence:
                 raise ConvergenceError(
                     f"the {field} residual is not finite after {len(self.history)} iterations; try a smaller step"
                 )
+        self._require_digits(EPSILON * drag)
         self.history.append(errors)
         return max(errors.values()) <= self.tolerance
+
+    def _require_digits(self, round_off):
+        force = max(scale for field, scale in self._scales.items() if field != "volume")
+        if round_off > BLIND * force and round_off > ROUND_OFF * self._largest_like("fluid momentum"):
+            raise ConvergenceError(
+                f"round-off of the drag, {round_off:.1e} N of {force:.1e} N, hides the balance of the fluid: "
+                "the permeability is too small for double precision; raise it"
+            )
 
     def _largest_like(self, field):
         """Return the largest force of the run in the unit of a field, or its own largest term."""

@@ -129,8 +129,11 @@ class FluidPhase:
         for region, span in domain.region_slices.items():
             configuration = skeleton.configuration
             drag[span] = (self._setup.materials[region].drag(configuration.J[span]) * configuration.geometry.dV[span]).sum(axis=1)
-        shape = domain.cells.shape
-        self._drag_weight = domain.scatter_add(np.broadcast_to(drag[:, None] / shape[1], shape))[:, 0]
+        self._drag_weight = self._nodal_sum(drag / domain.cells.shape[1])
+
+    def _nodal_sum(self, values):
+        """Return the sum of element values (E,) over the elements of a node, (n_owned,)."""
+        return self.domain.scatter_add(np.broadcast_to(values[:, None], self.domain.cells.shape))[:, 0]
 
     def drag_along(self, change):
         """Add χ times a change of v_s, (n_local, d) [m/s], to v_f: what the drag does to it while the pressure is as it was.
@@ -294,14 +297,13 @@ class FluidPhase:
 
     def dragged_fraction(self, skeleton, rates):
         """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a node's elements (collective)."""
-        domain, shape_of_nodes = self.domain, self.domain.cells.shape
+        domain = self.domain
         chi = np.empty(domain.n_cells)
         for region, span in domain.region_slices.items():
             material, J = self._setup.materials[region], skeleton.configuration.J[span]
             rho = material.fluid_fraction(J) * material.rho_fR
             chi[span] = rates.dragged_fraction(material.drag(J), rho).mean(axis=1)
-        total, count = (domain.scatter_add(np.broadcast_to(x, shape_of_nodes)) for x in (chi[:, None], 1.0))
-        return self.mesh.halo.extend(total / count)[:, 0]
+        return self.mesh.halo.extend(self._nodal_sum(chi) / self._nodal_sum(np.ones_like(chi)))
 
     def _add_skeleton_answer(self, values, elements, material, skeleton, rates, chunk):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure gradient the skeleton feels."""

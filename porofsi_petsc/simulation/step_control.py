@@ -37,25 +37,24 @@ class StepControl:
 
         trial : name -> (time [s], values (n_owned, ...)); it is remembered when it is accepted.
         """
-        for name, (_, value) in trial.items():
-            self._largest[name] = max(self._norm(value), self._largest[name])
-        error = max(self._error(name, dt, *trial[name]) for name in trial)
+        largest = {name: max(self._norm(value), self._largest[name]) for name, (_, value) in trial.items()}
+        error = max(self._error(name, dt, *trial[name], largest[name]) for name in trial)
         factor = np.clip(SAFETY * (self._tolerance / max(error, 1e-300)) ** (1 / (self._order + 1)), SHRINK, GROW)
         size = max(dt * factor, self._smallest_step)
         if error > self._tolerance and size < dt:
             self.rejections += 1
             raise StepTooLarge(size)
+        self._largest = largest
         for name, (time, value) in trial.items():
             self._values[name] = [*self._values[name], (time, np.array(value))][-(self._order + 1) :]
         return dt if factor < WORTH or error == 0 else min(size, self._largest_step)
 
-    def _error(self, name, dt, time, value):
+    def _error(self, name, dt, time, value, largest):
         """Return the local error of one field over its largest norm; 0 before there are enough values."""
         points = [*self._values[name], (time, value)]
-        if len(points) < self._order + 2 or self._largest[name] == 0:
+        if len(points) < self._order + 2 or largest == 0:
             return 0.0
-        difference = _divided_difference(points)
-        return self._constant * dt ** (self._order + 1) * self._norm(difference) / self._largest[name]
+        return self._constant * dt ** (self._order + 1) * self._norm(_divided_difference(points)) / largest
 
     def _norm(self, value):
         return float(np.sqrt(self._comm.allreduce(np.vdot(value, value))))

@@ -1,5 +1,6 @@
 """One run of a scene for a study: its numbers in memory, no files, failures as text."""
 
+import gc
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -110,3 +111,4 @@ def _release(coupling):
     for block in coupling.blocks.values():
         if block.solver:
             block.solver.destroy()
+    gc.collect()  # a medium and its accelerator hold each other: 1800 cases of the coupling study kept 2.6 GB
