@@ -63,7 +63,7 @@ def test_endurance_sees_growth_and_drift(growth, drift, fine):
     look = watch.begin(None)
     for t in np.arange(4000) * 1e-3:
         energy = SimpleNamespace(kinetic=1 + growth * t, elastic=0.0)
-        # 10.4 periods to a quarter of the run: their plain mean alone would be a drift of 0.01
+        # 10.4 periods to a quarter of the run: their plain mean alone would be a drift of 0.03
         u = np.array([[0.0, np.sin(20.8 * np.pi * t) + drift * t]])
         look(None, SimpleNamespace(solid=SimpleNamespace(u=u, mesh=SimpleNamespace(n_owned=1))), energy)
     assert watch.fine == fine
