@@ -13,26 +13,47 @@ CHUNK_BYTES = 2_000_000  # element matrices of one chunk; about the size of a co
 
 
 class Domain:
-    """All local elements of a mesh, ordered by region, with their two quadrature rules.
+    """The local elements of a mesh, or of some of its regions, ordered by region, with their two quadrature rules.
 
     stiffness : rule exact for products of gradients; mass : exact for products of shape functions (straight-sided elements)
+    nodes (n_active,) : the owned nodes that its elements touch; holds (n_local,) bool : the same with ghosts;
+    first, numbering (n_local,) : PETSc's numbers of these nodes, -1 elsewhere; n_nodes : on all ranks
+    Nodal fields have rows for all nodes of the mesh; matrices have those of `nodes` only.
     """
 
-    def __init__(self, mesh):
-        """Group the local elements of a `fem.LocalMesh`."""
+    def __init__(self, mesh, regions=None):
+        """Group the local elements of a `fem.LocalMesh`; regions : names, None for all (collective)."""
         self.mesh, self.element = mesh, mesh.element
         self.dim, self.n_local, self.n_owned = mesh.dim, mesh.n_local, mesh.n_owned
-        permutation = np.argsort(mesh.cell_region, kind="stable")
+        self.regions = tuple(name for name in mesh.regions if regions is None or name in regions)
+        numbers = np.array([mesh.regions.index(name) for name in self.regions], dtype=int)
+        chosen = np.flatnonzero(np.isin(mesh.cell_region, numbers))
+        permutation = chosen[np.argsort(mesh.cell_region[chosen], kind="stable")]
         self.cells = np.ascontiguousarray(mesh.cells[permutation])
-        self.row_of_cell = np.argsort(permutation)  # number in the mesh -> row here
+        self.row_of_cell = np.full(len(mesh.cells), -1)  # number in the mesh -> row here
+        self.row_of_cell[permutation] = np.arange(len(permutation))
         self.owned = mesh.cell_owned[permutation]
         region = mesh.cell_region[permutation]
-        starts = np.searchsorted(region, np.arange(len(mesh.regions) + 1))
-        self.region_slices = {name: slice(a, b) for name, a, b in zip(mesh.regions, starts[:-1], starts[1:], strict=True)}
+        spans = [slice(*np.searchsorted(region, (number, number + 1))) for number in numbers]
+        self.region_slices = dict(zip(self.regions, spans, strict=True))
+        self._number_nodes()
         order = self.element.order
         self.stiffness = Rule.of(self.element, max(2 * (order - 1), 1))
         self.mass = Rule.of(self.element, 2 * order)
         self._scatter = self._incidence()
+
+    def _number_nodes(self):
+        """Set the nodes of the domain and their numbers (collective)."""
+        mesh = self.mesh
+        touched = np.zeros(mesh.n_local, dtype=bool)
+        touched[self.cells] = True
+        self.nodes = np.flatnonzero(touched[: mesh.n_owned])
+        counts = mesh.comm.allgather(len(self.nodes))
+        self.first, self.n_nodes = sum(counts[: mesh.comm.rank]), sum(counts)
+        number = np.full((mesh.n_owned, 1), -1)
+        number[self.nodes, 0] = self.first + np.arange(len(self.nodes))
+        self.numbering = mesh.halo.extend(number)[:, 0]
+        self.holds = self.numbering >= 0
 
     def _incidence(self):
         """Return the (n_owned, E A) matrix that adds element vectors to the rows of owned nodes."""

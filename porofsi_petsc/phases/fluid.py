@@ -243,7 +243,7 @@ class FluidPhase:
         n, d = self.mesh.n_owned, self.mesh.dim
         padded = np.zeros((n, self.components))
         padded[:, : d + 1] = rhs
-        increment = self._solver.solve(padded.ravel()).reshape(n, self.components)
+        increment = self._setup.solve(self._solver, padded)
         return np.where(self._setup.mask[:n], 0.0, increment)[:, : d + 1]  # see `SolidPhase.solve`
 
     def add(self, increment):

@@ -37,13 +37,21 @@ class PhaseSetup:
 
     def new_matrix(self, prefix, components, mask):
         """Return the empty matrix of a nodal field with m components, prescribed where mask (n_local, m) is true."""
-        mesh, cells = self.domain.mesh, self.domain.cells
-        dofs = (mesh.numbering[cells][..., None] * components + np.arange(components)).reshape(
+        domain, cells = self.domain, self.domain.cells
+        dofs = (domain.numbering[cells][..., None] * components + np.arange(components)).reshape(
             len(cells), components * cells.shape[1]
         )
-        owned = np.repeat(cells < mesh.n_owned, components, axis=1)
+        owned = np.repeat(cells < domain.n_owned, components, axis=1)
         constrained = mask[cells].reshape(dofs.shape)
-        return CooMatrix(mesh.comm, mesh.n_owned * components, dofs, owned, constrained, components, prefix)
+        return CooMatrix(domain.mesh.comm, len(domain.nodes) * components, dofs, owned, constrained, components, prefix)
+
+
+    def solve(self, solver, rhs):
+        """Return the solution on the owned nodes for a right side, both (n_owned, m); zero outside of the domain (collective)."""
+        solution = np.zeros(rhs.shape)
+        nodes = self.domain.nodes
+        solution[nodes] = solver.solve(rhs[nodes].ravel()).reshape(len(nodes), -1)
+        return solution
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,7 @@ class SolidSetup(PhaseSetup):
         """Return the KSP of the block; its matrix is symmetric positive definite up to the state's geometric stiffness."""
         mesh = self.domain.mesh
         matrix.declare_symmetric()
-        modes = rigid_body_modes(mesh.X[: mesh.n_owned], mesh.comm)
+        modes = rigid_body_modes(mesh.X[self.domain.nodes], mesh.comm)
         return LinearSolver(matrix.mat, "solid_", solid_defaults(mesh.dim, self.direct), near_nullspace=modes)
 
 
@@ -112,7 +120,7 @@ class FluidSetup(PhaseSetup):
 
     def new_solver(self, matrix, components):
         """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner."""
-        mesh = self.domain.mesh
-        fields = fluid_fields(mesh.comm, mesh.first, mesh.n_owned, mesh.dim, components)
+        domain, mesh = self.domain, self.domain.mesh
+        fields = fluid_fields(mesh.comm, domain.first, len(domain.nodes), mesh.dim, components)
         defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg)
         return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields)

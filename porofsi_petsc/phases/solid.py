@@ -183,7 +183,7 @@ class SolidPhase:
 
     def solve(self, rhs):
         """Return δ with H δ = rhs, both (n_owned, d): [N] to [m] on the collocation level."""
-        increment = self._solver.solve(rhs.ravel()).reshape(self.mesh.n_owned, self.mesh.dim)
+        increment = self._setup.solve(self._solver, rhs)
         return self._setup.dirichlet.free(increment)  # multigrid moves prescribed nodes within its tolerance
 
     def add(self, increment):
