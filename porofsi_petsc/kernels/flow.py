@@ -10,6 +10,13 @@ On linear elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume
 The pressure term is not integrated by parts, so that an impermeable surface, fixed or moving (w_rel·n = 0), is natural; a
 drained one prescribes p (Tezduyar 1992 for PSPG and LSIC; the subgrid velocity is -τ r).  Terms are kept apart, see
 `kernels.solid`.
+
+A free fluid has n = 1, S = 0 and no skeleton.  There the pressure is integrated by parts, so that the full traction
+σ n = (-p I + 2 μ sym ∇v) n is natural: an outlet may be left alone, and the residual of a node on the boundary is the fluid's
+traction ∮ w·σ n on it.
+
+    ∫ w·[ρ (a + c·∇v) - ρ b] - ∫ p div w + ∫ ∇w : 2 μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ ν_L div w div v
+    ∫ q div v + ∫ τ ∇q·r
 """
 
 from dataclasses import dataclass
@@ -29,8 +36,9 @@ class FlowElements:
 
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
     tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0 where n varies;
-    tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg]; second: `fem.geometry.SecondDerivatives`, None on linear elements or where μ = 0;
-    grad_n (E, Q, d) [1/m] of a varying n, where there is `second`.
+    tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg], None without the undrained term; second: `fem.geometry.SecondDerivatives`, None on
+    linear elements or where μ = 0; grad_n (E, Q, d) [1/m] of a varying n, where there is `second`, None where n is constant;
+    free: a free fluid, whose n is 1 and whose S is not read.
     """
 
     N: np.ndarray
@@ -42,16 +50,20 @@ class FlowElements:
     tau: np.ndarray
     tau_supg: np.ndarray
     nu_lsic: np.ndarray
-    tau_u: np.ndarray
+    tau_u: np.ndarray | None
     second: Any
     grad_n: np.ndarray | None
     convection: bool
     order: int
+    free: bool = False
 
 
 @dataclass(frozen=True)
 class FlowFields:
-    """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E, A); b (E, Q, d)."""
+    """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E, A); b (E, Q, d).
+
+    v_s is not read for a free fluid, dp not without the undrained term.
+    """
 
     v: np.ndarray
     a: np.ndarray
@@ -64,13 +76,13 @@ class FlowFields:
 
 @dataclass(frozen=True)
 class FlowPoints:
-    """Pointwise quantities that residual and tangent share."""
+    """Pointwise quantities that residual and tangent share; c None without convection, w None for a free fluid."""
 
-    c: np.ndarray
+    c: np.ndarray | None
     grad_v: np.ndarray
     acceleration: np.ndarray
     grad_p: np.ndarray
-    w: np.ndarray
+    w: np.ndarray | None
     residual: np.ndarray
 
 
@@ -88,8 +100,9 @@ def flow_points(el, f):
     c = el.N @ f.c if el.convection else None
     if el.convection:
         acceleration = acceleration + el.rho[..., None] * (grad_v @ c[..., None])[..., 0]
-    w = el.N @ (f.v - f.v_s)
-    residual = acceleration + el.n[..., None] * grad_p + el.S[..., None] * w - el.rho[..., None] * f.b
+    w = None if el.free else el.N @ (f.v - f.v_s)
+    residual = acceleration - el.rho[..., None] * f.b
+    residual = residual + grad_p if el.free else residual + el.n[..., None] * grad_p + el.S[..., None] * w
     if el.second is not None:
         residual = residual - viscous_force(el, f, grad_v)
     return FlowPoints(c, grad_v, acceleration, grad_p, w, residual)
@@ -97,36 +110,60 @@ def flow_points(el, f):
 
 def viscous_force(el, f, grad_v):
     """Return div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n], (E, Q, d) [N/m³]."""
-    turned = ((grad_v + np.swapaxes(grad_v, 2, 3)) @ el.grad_n[..., None])[..., 0]
-    return el.mu * (el.n[..., None] * el.second.viscous(f.v, grad_v) + turned)
+    force = el.mu * el.n[..., None] * el.second.viscous(f.v, grad_v)
+    if el.grad_n is None:
+        return force
+    return force + el.mu * ((grad_v + np.swapaxes(grad_v, 2, 3)) @ el.grad_n[..., None])[..., 0]
 
 
 def flow_residual(el, f):
-    """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E, A) [m³/s] of VOLUME_TERMS."""
+    """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E, A) [m³/s] of VOLUME_TERMS.
+
+    The skeleton's volume term of a free fluid is its own, ∫ q div v.
+    """
     x = flow_points(el, f)
     G, dV = el.geometry.G, el.geometry.dV
-    d = G.shape[-1]
-    n = el.n[..., None]
-    pressure, drag, body = n * x.grad_p, el.S[..., None] * x.w, -el.rho[..., None] * f.b
-    div_vs = np.einsum("eqii->eq", _nodal_gradient(G, f.v_s))
-    values = np.concatenate([x.acceleration, pressure, drag, body, np.broadcast_to(div_vs, dV.shape)[..., None]], axis=-1)
-    valued = test_value(el.N, dV, values)
-    momentum = np.zeros((len(MOMENTUM_TERMS), *f.v.shape))
-    for i in range(4):
-        momentum[i] = valued[..., i * d : (i + 1) * d]
+    momentum, volume = np.zeros((len(MOMENTUM_TERMS), *f.v.shape)), np.zeros((len(VOLUME_TERMS), *f.p.shape))
+    balances = _free_balances if el.free else _porous_balances
+    div = balances(momentum, volume, el, f, x)
     if el.mu:
         viscous = (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
         momentum[4] = test_gradient(G, dV, viscous)
     if el.convection:
         supg = (el.tau_supg * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
-        lsic = el.n * el.nu_lsic * (div_vs + el.n * (np.einsum("eqii->eq", x.grad_v) - div_vs))
-        momentum[5] = test_gradient(G, dV, supg + lsic[..., None, None] * np.eye(d))
-    volume = np.empty((len(VOLUME_TERMS), *f.p.shape))
+        lsic = el.n * el.nu_lsic * div
+        momentum[5] = test_gradient(G, dV, supg + lsic[..., None, None] * np.eye(G.shape[-1]))
+    if el.tau_u is not None:
+        volume[3] = undrained_residual(el, f.dp)
+    return momentum, volume
+
+
+def _porous_balances(momentum, volume, el, f, x):
+    """Set inertia, pressure, drag and body force, skeleton, seepage and PSPG; return div v_s + n div w, (E, Q) [1/s]."""
+    G, dV, n = el.geometry.G, el.geometry.dV, el.n[..., None]
+    d = G.shape[-1]
+    div_vs = np.broadcast_to(np.einsum("eqii->eq", _nodal_gradient(G, f.v_s)), dV.shape)
+    forces = [x.acceleration, n * x.grad_p, el.S[..., None] * x.w, -el.rho[..., None] * f.b]
+    valued = test_value(el.N, dV, np.concatenate([*forces, div_vs[..., None]], axis=-1))
+    for i in range(len(forces)):
+        momentum[i] = valued[..., i * d : (i + 1) * d]
     volume[0] = valued[..., -1]
     fluxes = np.stack([-n * x.w, (el.tau * el.n)[..., None] * x.residual], axis=-2)
     volume[1:3] = np.moveaxis(test_gradient(G, dV, fluxes), -1, 0)
-    volume[3] = undrained_residual(el, f.dp)
-    return momentum, volume
+    return div_vs + el.n * (np.einsum("eqii->eq", x.grad_v) - div_vs)
+
+
+def _free_balances(momentum, volume, el, f, x):
+    """Set inertia, pressure, body force, volume and PSPG of a free fluid; return div v, (E, Q) [1/s]."""
+    G, dV = el.geometry.G, el.geometry.dV
+    d = G.shape[-1]
+    div = np.broadcast_to(np.einsum("eqii->eq", x.grad_v), dV.shape)
+    values = np.concatenate([x.acceleration, -el.rho[..., None] * f.b, div[..., None]], axis=-1)
+    valued = test_value(el.N, dV, values)
+    momentum[0], momentum[3], volume[0] = valued[..., :d], valued[..., d : 2 * d], valued[..., -1]
+    momentum[1] = test_gradient(G, dV, -(f.p @ el.N.T)[..., None, None] * np.eye(d))
+    volume[2] = test_gradient(G, dV, (el.tau[..., None] * x.residual)[..., None, :])[..., 0]
+    return div
 
 
 def undrained_gradient(el):
@@ -156,42 +193,75 @@ def flow_tangent(el, f, c_f, components):
     x = flow_points(el, f)
     G, dV = el.geometry.G, el.geometry.dV
     E, _, A, d = G.shape
-    Q = dV.shape[1]
-    Gq = broadcast_gradient(G, Q)
+    Gq = broadcast_gradient(G, dV.shape[1])
     K = np.zeros((E, A, components, A, components))
-    n = el.n
-    advected = (Gq @ x.c[..., None])[..., 0] if el.convection else None  # c·∇N_b, (E, Q, A)
-    strong = (el.rho * c_f + el.S)[..., None] * el.N  # scalar part of d r/d v
-    if el.convection:
-        strong = strong + el.rho[..., None] * advected
+    strong = _strong_isotropic(el, x, Gq, c_f)
     scalar = bilinear(np.broadcast_to(el.N, strong.shape) * dV[..., None], strong)
     if el.mu:
-        scalar = scalar + laplacian(G, n * el.mu * dV)
-        for i in range(d):
-            for j in range(d):
-                K[:, :, i, :, j] += bilinear((n * el.mu * dV)[..., None] * Gq[..., j], Gq[..., i])
+        scalar = scalar + _add_viscous(K, el, Gq)
     full = _strong_full(el, x, Gq) if el.convection or el.second is not None else None
     if el.second is not None:
-        along = (Gq @ el.grad_n[..., None])[..., 0]
-        strong = strong - el.mu * (n[..., None] * np.einsum("eqaii->eqa", el.second.shapes) + along)
+        strong = strong - el.mu * _scalar_viscous_force(el, Gq)
     if el.convection:
-        streamline = (el.tau_supg * el.rho * dV)[..., None] * advected
+        streamline = (el.tau_supg * el.rho * dV)[..., None] * _advected(x, Gq)
         scalar = scalar + bilinear(streamline, strong)
         _add_convection(K, el, x, Gq, full, streamline)
     add_isotropic(K, scalar, d)
-    pspg = (el.tau * n * dV)[..., None]
+    _add_pressure(K, el, Gq)
+    _add_pspg(K, el, Gq, strong, full)
+    if el.tau_u is not None:
+        K[:, :, d, :, d] += diffusion(undrained_gradient(el), el.tau_u, dV)
+    return K
+
+
+def _advected(x, Gq):
+    """Return c·∇N_b, (E, Q, A) [1/s]."""
+    return (Gq @ x.c[..., None])[..., 0]
+
+
+def _strong_isotropic(el, x, Gq, c_f):
+    """Return the isotropic part of d r/d v_b without viscosity, (E, Q, A) [kg/(m³ s)]."""
+    rate = el.rho * c_f if el.free else el.rho * c_f + el.S
+    strong = rate[..., None] * el.N
+    return strong + el.rho[..., None] * _advected(x, Gq) if el.convection else strong
+
+
+def _scalar_viscous_force(el, Gq):
+    """Return the isotropic part of div(2 n sym ∇v) by v_b, n ΔN_b + ∇n·∇N_b, (E, Q, A) [1/m²]."""
+    force = el.n[..., None] * np.einsum("eqaii->eqa", el.second.shapes)
+    return force if el.grad_n is None else force + (Gq @ el.grad_n[..., None])[..., 0]
+
+
+def _add_viscous(K, el, Gq):
+    """Add ∫ n μ ∂_j N_a ∂_i N_b to K; return the isotropic part ∫ n μ ∇N_a·∇N_b, (E, A, A) [N s/m]."""
+    weight = el.n * el.mu * el.geometry.dV
+    for i in range(Gq.shape[-1]):
+        for j in range(Gq.shape[-1]):
+            K[:, :, i, :, j] += bilinear(weight[..., None] * Gq[..., j], Gq[..., i])
+    return laplacian(el.geometry.G, weight)
+
+
+def _add_pressure(K, el, Gq):
+    """Add the pressure's force and the adjoint volume balance: ±∫ N_a n ∂_j N_b and ∓ its transpose (upper sign: porous)."""
+    d = Gq.shape[-1]
+    values = (el.n * el.geometry.dV)[..., None] * el.N
     for j in range(d):
-        K[:, :, j, :, d] = bilinear((n * dV)[..., None] * np.broadcast_to(el.N, (E, Q, A)), Gq[..., j])
-        if el.convection:
-            K[:, :, j, :, d] += bilinear(streamline * n[..., None], Gq[..., j])
-        K[:, :, d, :, j] = bilinear(pspg * Gq[..., j], strong) - bilinear(
-            (n * dV)[..., None] * Gq[..., j], np.broadcast_to(el.N, (E, Q, A))
-        )
+        gradient = bilinear(values, Gq[..., j])
+        adjoint = np.swapaxes(gradient, 1, 2)
+        K[:, :, j, :, d] += -adjoint if el.free else gradient
+        K[:, :, d, :, j] += gradient if el.free else -adjoint
+
+
+def _add_pspg(K, el, Gq, strong, full):
+    """Add ∫ τ n ∇q·δr; δr has an isotropic part by v (E, Q, A), a full one (E, Q, A, d, d) or None, and n ∇δp."""
+    dV, d = el.geometry.dV, Gq.shape[-1]
+    weight = (el.tau * el.n * dV)[..., None]
+    for j in range(d):
+        K[:, :, d, :, j] += bilinear(weight * Gq[..., j], strong)
         if full is not None:
             for i in range(d):
-                K[:, :, d, :, j] += bilinear(pspg * Gq[..., i], full[..., i, j])
-    K[:, :, d, :, d] = laplacian(G, el.tau * n**2 * dV) + diffusion(undrained_gradient(el), el.tau_u, dV)
-    return K
+                K[:, :, d, :, j] += bilinear(weight * Gq[..., i], full[..., i, j])
+    K[:, :, d, :, d] += laplacian(el.geometry.G, el.tau * el.n**2 * dV)
 
 
 def strong_gradient(el, x):
@@ -206,19 +276,22 @@ def _strong_full(el, x, Gq):
     if el.convection:
         full += el.N[..., None, None] * strong_gradient(el, x)[:, :, None]
     if el.second is not None:
-        full -= el.mu * (el.n[..., None, None, None] * el.second.shapes + Gq[..., None] * el.grad_n[:, :, None, None])
+        full -= el.mu * el.n[..., None, None, None] * el.second.shapes
+    if el.second is not None and el.grad_n is not None:
+        full -= el.mu * Gq[..., None] * el.grad_n[:, :, None, None]
     return full
 
 
 def _add_convection(K, el, x, Gq, full, streamline):
-    """Add the Newton part of convection, the change of SUPG's test function and LSIC to K."""
+    """Add the Newton part of convection, SUPG (with the change of its test function) and LSIC to K."""
     dV, N = el.geometry.dV, el.N
     newton = (el.rho * dV)[..., None] * N
     supg = (el.tau_supg * el.rho * dV)[..., None] * x.residual
     lsic = el.n**2 * el.nu_lsic * dV
-    values = np.broadcast_to(N, newton.shape)
-    for i in range(Gq.shape[-1]):
-        for j in range(Gq.shape[-1]):
+    values, d = np.broadcast_to(N, newton.shape), Gq.shape[-1]
+    for i in range(d):
+        K[:, :, i, :, d] += bilinear(streamline * el.n[..., None], Gq[..., i])
+        for j in range(d):
             K[:, :, i, :, j] += bilinear(newton * x.grad_v[..., i, j, None], values)
             K[:, :, i, :, j] += bilinear(streamline, full[..., i, j])
             K[:, :, i, :, j] += bilinear(supg[..., i, None] * Gq[..., j], values)

@@ -1,0 +1,126 @@
+"""Kernels of a free fluid: tangents against central differences, the porous form as a special case, exact flows, tractions."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from kernel_states import FD_TOLERANCE, central_difference, free_chunk, relative
+
+from porofsi_petsc.elements import ELEMENTS
+from porofsi_petsc.elements.simplex import FACET
+from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
+from porofsi_petsc.kernels import flow
+from porofsi_petsc.kernels.surface import facet_normal, surface_load
+from porofsi_petsc.mesh import box, rectangle
+from porofsi_petsc.mesh.topology import add_midside_nodes, boundary_facets, cell_facets
+
+
+def joined(el, fields):
+    """Return the sums of the momentum and the volume terms, (E, A, d + 1)."""
+    momentum, volume = flow.flow_residual(el, fields)
+    return np.concatenate([momentum.sum(axis=0), volume.sum(axis=0)[..., None]], axis=-1)
+
+
+@pytest.mark.parametrize("convection", [False, True])
+@pytest.mark.parametrize("mu", [0.0, 0.7])
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_flow_tangent_is_the_derivative(name, mu, convection):
+    rng = np.random.default_rng(11)
+    element = ELEMENTS[name]
+    d, c_f = element.dim, 1.3
+    el, z = free_chunk(element, rng, mu, convection)
+
+    def fields(unknowns):
+        v, p = unknowns[..., :d], unknowns[..., d]
+        return flow.FlowFields(v, z["a"] + c_f * (v - z["v"]), v - z["v_m"], None, p, None, z["b"])
+
+    unknowns = np.concatenate([z["v"], z["p"][..., None]], axis=-1)
+    size = unknowns[0].size
+    exact = flow.flow_tangent(el, fields(unknowns), c_f, d + 1).reshape(-1, size, size)
+    assert relative(exact, central_difference(lambda u: joined(el, fields(u)), unknowns)) < FD_TOLERANCE
+
+
+class Patch:
+    """A small mesh of straight-sided elements with moved vertices, on which the quadrature of all terms is exact.
+
+    x (N, d), cells (E, A), el: a free fluid on it, all coefficients at the given values
+    """
+
+    def __init__(self, element, mu, rho=1.2):
+        rng = np.random.default_rng(12)
+        self.element, d = element, element.dim
+        axis = SimpleNamespace(points=[0.0, 1.0], cells=[3 if d == 2 else 2], ratios=None)
+        mesh = (rectangle if d == 2 else box)(*[axis] * d)
+        self.x = mesh.points + 0.05 * rng.standard_normal(mesh.points.shape)
+        self.cells = mesh.cells
+        cell, local = boundary_facets(mesh.cells, mesh.element)
+        if element.order == 2:
+            self.x, self.cells = add_midside_nodes(self.x, self.cells, element.edges)
+        self.facets = cell_facets(self.cells, element)[cell, local]
+        rule = Rule.of(element, 2 * element.order + 1)
+        current, shape = geometry(rule, self.x[self.cells]), (len(self.cells), len(rule.weights))
+        second = SecondDerivatives.at(element, self.x[self.cells], current, None) if element.order == 2 else None
+        points = lambda: 0.5 + rng.random(shape)  # noqa: E731
+        self.el = flow.FlowElements(
+            N=rule.N, geometry=current, n=np.ones(shape), rho=np.full(shape, rho), S=np.zeros(shape), mu=mu, tau=points(),
+            tau_supg=points(), nu_lsic=points(), tau_u=None, second=second, grad_n=None, convection=True, order=element.order,
+            free=True,
+        )  # fmt: skip
+
+    def residual(self, el, v, p, a):
+        """Return the nodal residual, (N, d + 1), of nodal fields on a fixed mesh, the skeleton at rest."""
+        v, p, a = v[self.cells], p[self.cells], a[self.cells]
+        values = joined(el, flow.FlowFields(v, a, v, 0 * v, p, None, np.zeros((*el.n.shape, self.element.dim))))
+        total = np.zeros((len(self.x), values.shape[-1]))
+        np.add.at(total, self.cells, values)
+        return total
+
+    def traction(self, stress):
+        """Return the nodal forces ∮ N_a σ n dA on the whole boundary, (N, d), of a stress at points (..., d) -> (..., d, d)."""
+        facet = FACET[self.element.name]
+        rule = Rule.of(facet, 2 * self.element.order + 1)
+        x = self.x[self.facets]
+        normal = facet_normal(rule.dN, rule.weights, x)
+        force = (stress(rule.N @ x) @ normal[..., None])[..., 0]
+        total = np.zeros_like(self.x)
+        np.add.at(total, self.facets, surface_load(rule.N, np.ones(normal.shape[:2]), force))
+        return total
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_free_form_is_the_porous_one_without_skeleton_where_boundary_integrals_vanish(name):
+    """∮ p w·n = ∮ q v·n = 0 for fields that vanish on the boundary; then every row agrees to round-off."""
+    patch, rng = Patch(ELEMENTS[name], mu=0.7), np.random.default_rng(13)
+    inside = np.ones(len(patch.x), dtype=bool)
+    inside[patch.facets] = False
+    v, p, a = (rng.standard_normal((len(patch.x), k)) * inside[:, None] for k in (patch.element.dim, 1, patch.element.dim))
+    no_skeleton = np.zeros((*patch.el.n.shape, patch.element.dim))
+    grad_n = None if patch.el.second is None else no_skeleton
+    free = patch.residual(patch.el, v, p[:, 0], a)
+    porous = patch.residual(replace(patch.el, free=False, grad_n=grad_n), v, p[:, 0], a)
+    assert np.abs(free[:, -1]).max() > 1e-3  # there is something to compare
+    assert relative(free, porous) < 1e-13
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_exact_shear_flow_leaves_the_exact_traction_on_the_boundary(name):
+    """v = e (s m·x + κ (m·x)²), p = p_0 + 2 κ μ e·x, e and m unit vectors, e·m = 0; κ = 0 (Couette) on linear elements."""
+    mu, slope, p_0 = 0.7, 1.5, 0.4
+    patch = Patch(ELEMENTS[name], mu)
+    kappa = 0.9 if patch.element.order == 2 else 0.0
+    e, m = np.linalg.qr(np.random.default_rng(14).standard_normal((patch.element.dim, 2)))[0].T
+
+    def stress(x):
+        shear = mu * (slope + 2 * kappa * (x @ m))
+        pressure = p_0 + 2 * kappa * mu * (x @ e)
+        return shear[..., None, None] * (np.outer(e, m) + np.outer(m, e)) - pressure[..., None, None] * np.eye(len(e))
+
+    along = patch.x @ m
+    v, p = (slope * along + kappa * along**2)[:, None] * e, p_0 + 2 * kappa * mu * (patch.x @ e)
+    residual, traction = patch.residual(patch.el, v, p, np.zeros_like(v)), patch.traction(stress)
+    scale = np.abs(traction).max()
+    assert scale > 0.01
+    # round-off of stresses of order one, and of the strong residual times τ of order one
+    assert np.abs(residual[:, :-1] - traction).max() < 1e-12 * scale
+    assert np.abs(residual[:, -1]).max() < 1e-12 * scale
