@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from kernel_states import FD_TOLERANCE, central_difference, free_chunk, relative
+from kernel_states import FD_TOLERANCE, central_difference, distorted, free_chunk, relative
 
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.elements.simplex import FACET
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
-from porofsi_petsc.kernels import flow
+from porofsi_petsc.kernels import exchange, flow, shape
 from porofsi_petsc.kernels.surface import facet_normal, surface_load
 from porofsi_petsc.mesh import box, rectangle
 from porofsi_petsc.mesh.topology import add_midside_nodes, boundary_facets, cell_facets
@@ -41,6 +41,45 @@ def test_flow_tangent_is_the_derivative(name, mu, convection):
     assert relative(exact, central_difference(lambda u: joined(el, fields(u)), unknowns)) < FD_TOLERANCE
 
 
+@pytest.mark.parametrize("convection", [False, True])
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_mesh_velocity_tangent_is_the_derivative(name, convection):
+    rng = np.random.default_rng(15)
+    el, z = free_chunk(ELEMENTS[name], rng, 0.7, convection)
+    c_m, v = 1.7, z["v"]
+
+    def fields(y):
+        return flow.FlowFields(v, z["a"], v - z["v_m"] - c_m * y, None, z["p"], None, z["b"])
+
+    y = np.zeros_like(v)
+    exact = exchange.flow_by_mesh_velocity(el, fields(y), c_m).reshape(len(y), -1, y[0].size)
+    difference = central_difference(lambda y: joined(el, fields(y)), y)
+    if convection:
+        assert relative(exact, difference) < FD_TOLERANCE
+    else:
+        assert not exact.any() and not difference.any()
+
+
+@pytest.mark.parametrize("convection", [False, True])
+@pytest.mark.parametrize("mu", [0.0, 0.7])
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_shape_tangent_is_the_derivative(name, mu, convection):
+    """By the nodal positions at given nodal values, stabilization parameters and body force frozen."""
+    element = ELEMENTS[name]
+    el, z = free_chunk(element, np.random.default_rng(16), mu, convection)
+    x = distorted(element, np.random.default_rng(16))
+    rule = Rule.of(element, 2 * element.order)
+    fields = flow.FlowFields(z["v"], z["a"], z["v"] - z["v_m"], None, z["p"], None, z["b"])
+
+    def residual(x):
+        current = geometry(rule, x)
+        second = SecondDerivatives.at(element, x, current, None) if el.second is not None else None
+        return joined(replace(el, geometry=current, second=second), fields)
+
+    exact = shape.flow_by_geometry(el, fields, None).reshape(len(x), -1, x[0].size)
+    assert relative(exact, central_difference(residual, x)) < FD_TOLERANCE
+
+
 class Patch:
     """A small mesh of straight-sided elements with moved vertices, on which the quadrature of all terms is exact.
 
@@ -59,12 +98,12 @@ class Patch:
             self.x, self.cells = add_midside_nodes(self.x, self.cells, element.edges)
         self.facets = cell_facets(self.cells, element)[cell, local]
         rule = Rule.of(element, 2 * element.order + 1)
-        current, shape = geometry(rule, self.x[self.cells]), (len(self.cells), len(rule.weights))
+        current, points = geometry(rule, self.x[self.cells]), (len(self.cells), len(rule.weights))
         second = SecondDerivatives.at(element, self.x[self.cells], current, None) if element.order == 2 else None
-        points = lambda: 0.5 + rng.random(shape)  # noqa: E731
+        random = lambda: 0.5 + rng.random(points)  # noqa: E731
         self.el = flow.FlowElements(
-            N=rule.N, geometry=current, n=np.ones(shape), rho=np.full(shape, rho), S=np.zeros(shape), mu=mu, tau=points(),
-            tau_supg=points(), nu_lsic=points(), tau_u=None, second=second, grad_n=None, convection=True, order=element.order,
+            N=rule.N, geometry=current, n=np.ones(points), rho=np.full(points, rho), S=np.zeros(points), mu=mu, tau=random(),
+            tau_supg=random(), nu_lsic=random(), tau_u=None, second=second, grad_n=None, convection=True, order=element.order,
             free=True,
         )  # fmt: skip
 

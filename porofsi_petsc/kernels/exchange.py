@@ -1,12 +1,12 @@
 """Off-diagonal tangents between the phases on a fixed mesh: what each residual feels of the other phase's unknowns.
 
 Derivatives are by the increments on the collocation level; dv_s = c_v dy.  The change of the geometry itself (direct
-coupling) is not part of them.
+coupling) is not part of them.  A free fluid feels no skeleton, only the velocity of its mesh.
 """
 
 import numpy as np
 
-from .assemble import bilinear, broadcast_gradient, mass_matrix
+from .assemble import add_isotropic, bilinear, broadcast_gradient, mass_matrix
 from .flow import flow_points, strong_gradient
 
 
@@ -20,31 +20,50 @@ def flow_by_skeleton(el, f, c_v, moving_mesh):
     E, _, A, d = el.geometry.G.shape
     G = broadcast_gradient(el.geometry.G, dV.shape[1])
     N = np.broadcast_to(el.N, G.shape[:3])
-    carried = el.convection and moving_mesh
-    strong = _strong_by_skeleton(el, x, carried)  # d r_i / d v_s,j at a point; times N_b
     K = np.zeros((E, A, d + 1, A, d))
-    pspg = (el.tau * n * dV)[..., None]
+    drag = (el.S * dV)[..., None]
+    add_isotropic(K, -bilinear(drag * _tests(el, x, G), N), d)
     for j in range(d):
-        for i in range(d):
-            rows = dV[..., None] * N
-            if el.convection:
-                rows = rows + (el.tau_supg * el.rho * dV)[..., None] * (G @ x.c[..., None])[..., 0]
-            K[:, :, i, :, j] = bilinear(rows * strong[..., i, j, None], N)
-            if carried:
-                supg = (el.tau_supg * el.rho * dV * x.residual[..., i])[..., None]
-                K[:, :, i, :, j] -= bilinear(supg * G[..., j], N)
-            if el.convection:
+        if el.convection:
+            for i in range(d):
                 K[:, :, i, :, j] += bilinear((n * (1 - n) * el.nu_lsic * dV)[..., None] * G[..., i], G[..., j])
-            K[:, :, d, :, j] += bilinear(pspg * G[..., i] * strong[..., i, j, None], N)
-        K[:, :, d, :, j] += bilinear(dV[..., None] * N, G[..., j]) + bilinear((n * dV)[..., None] * G[..., j], N)
+        flux = (n * dV)[..., None] - (el.tau * n)[..., None] * drag
+        K[:, :, d, :, j] = bilinear(dV[..., None] * N, G[..., j]) + bilinear(flux * G[..., j], N)
+    if el.convection and moving_mesh:
+        _add_mesh_velocity(K, el, x, G)
     return c_v * K
 
 
-def _strong_by_skeleton(el, x, carried):
-    """Return d r_i/d v_s,j = -S δ_ij - ρ ∂v_i/∂x_j (the latter where the mesh carries the fluid), (E, Q, d, d)."""
-    d = el.geometry.G.shape[-1]
-    drag = -el.S[..., None, None] * np.eye(d)
-    return drag - strong_gradient(el, x) if carried else drag
+def flow_by_mesh_velocity(el, f, c_m):
+    """Return the derivative of `flow.flow_residual` by the mesh's positions through v_m alone (c = v - v_m), dv_m = c_m dy.
+
+    (E, A, d + 1, A, d): rows v_f and p, columns y [N/m and m²/s]; zero without convection.
+    """
+    G = broadcast_gradient(el.geometry.G, el.geometry.dV.shape[1])
+    E, _, A, d = G.shape
+    K = np.zeros((E, A, d + 1, A, d))
+    if el.convection:
+        _add_mesh_velocity(K, el, flow_points(el, f), G)
+    return c_m * K
+
+
+def _tests(el, x, G):
+    """Return N_a + τ ρ c·∇N_a, what the strong residual is tested with, (E, Q, A)."""
+    N = np.broadcast_to(el.N, G.shape[:3])
+    return N + (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else N
+
+
+def _add_mesh_velocity(K, el, x, G):
+    """Add the derivative by v_m: d r_i/d v_m,j = -ρ ∂v_i/∂x_j, and SUPG's test function, whose c changes too."""
+    dV, d = el.geometry.dV, G.shape[-1]
+    N, tests = np.broadcast_to(el.N, G.shape[:3]), _tests(el, x, G)
+    strong = -dV[..., None, None] * strong_gradient(el, x)
+    for j in range(d):
+        for i in range(d):
+            supg = (el.tau_supg * el.rho * dV * x.residual[..., i])[..., None]
+            K[:, :, i, :, j] += bilinear(tests * strong[..., i, j, None] - supg * G[..., j], N)
+        carried = (G @ strong[..., j, None])[..., 0]  # Σ_i ∂_i N_a d r_i/d v_m,j
+        K[:, :, d, :, j] += bilinear((el.tau * el.n)[..., None] * carried, N)
 
 
 def solid_by_flow(N, geometry, n, S):

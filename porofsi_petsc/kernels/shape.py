@@ -56,27 +56,31 @@ def solid_by_geometry(N, geometry, n, S, derivatives, p, w):
 
 
 def flow_by_geometry(el, f, derivatives):
-    """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d) [N/m and m²/s]."""
+    """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d) [N/m and m²/s].
+
+    derivatives : `VolumeDerivatives`, None for a free fluid
+    """
     x = flow_points(el, f)
     d = el.geometry.G.shape[-1]
     densities = Densities.zeros(el.geometry.dV.shape, d + 1, d)
-    gradients = _Gradients.of(el, f, x)
-    strong = _add_momentum(densities, el, f, x, derivatives, gradients)
-    _add_volume(densities, el, x, derivatives, gradients, strong)
-    _add_undrained(densities, el, f.dp)
+    if el.free:
+        _add_free(densities, el, f, x)
+    else:
+        _add_porous(densities, el, f, x, derivatives)
+    if el.tau_u is not None:
+        _add_undrained(densities, el, f.dp)
     K = _assemble(el.N, el.geometry, densities)
     if el.second is not None:
         _add_curving(K, el, x, derivatives)
-    if el.order > 1:
+    if el.order > 1 and el.tau_u is not None:
         K[:, :, d] += _undrained_means(el, f.dp)
     return K
 
 
 @dataclass(frozen=True)
 class _Gradients:
-    """∇v_s and div v, div v_s with their derivatives by H, -∂v_i/∂x_l."""
+    """div v and div v_s with their derivatives by H, -∂v_i/∂x_l."""
 
-    v_s: np.ndarray
     div: np.ndarray
     div_s: np.ndarray
     d_div: np.ndarray
@@ -86,7 +90,7 @@ class _Gradients:
     def of(cls, el, f, x):
         v_s = np.broadcast_to(np.swapaxes(f.v_s, 1, 2)[:, None] @ el.geometry.G, (*el.n.shape, *x.grad_v.shape[2:]))
         div, div_s = (np.trace(gradient, axis1=2, axis2=3) for gradient in (x.grad_v, v_s))
-        return cls(v_s, div, div_s, -np.swapaxes(x.grad_v, 2, 3), -np.swapaxes(v_s, 2, 3))
+        return cls(div, div_s, -np.swapaxes(x.grad_v, 2, 3), -np.swapaxes(v_s, 2, 3))
 
 
 def _by_volume(X):
@@ -101,33 +105,83 @@ def _pressure_by_geometry(n, derivatives, grad_p):
     return _by_volume(derivatives.n[..., None] * grad_p) - np.einsum("eql,mi->eqmli", turned, identity)
 
 
-def _add_momentum(densities, el, f, x, derivatives, gradients):
-    """Add the momentum rows; return the derivative of the strong residual by H, (E, Q, d, d, d)."""
+def _convection_by_geometry(el, x):
+    """Return the derivative of ρ c·∇v_m by H, -ρ ∂_l v_m c_i, (E, Q, d, d, d); 0 without convection."""
+    return -el.rho[..., None, None, None] * np.einsum("eqml,eqi->eqmli", x.grad_v, x.c) if el.convection else 0.0
+
+
+def _add_porous(densities, el, f, x, derivatives):
+    """Add the rows of the porous form: values r without viscosity and div v_s, the seepage -n w, stresses and stabilization."""
     d = x.w.shape[-1]
-    relative = (derivatives.n / el.n)[..., None]
-    weight = relative * (x.acceleration - el.rho[..., None] * f.b) + derivatives.S[..., None] * x.w
-    strong = _by_volume(weight) + _pressure_by_geometry(el.n, derivatives, x.grad_p)
-    if el.convection:
-        strong -= el.rho[..., None, None, None] * np.einsum("eqml,eqi->eqmli", x.grad_v, x.c)
-    pressure, drag = el.n[..., None] * x.grad_p, el.S[..., None] * x.w
-    densities.A[..., :d] += x.acceleration + pressure + drag - el.rho[..., None] * f.b
+    gradients, relative = _Gradients.of(el, f, x), (derivatives.n / el.n)[..., None]
+    body = el.rho[..., None] * f.b
+    strong = _by_volume(relative * (x.acceleration - body) + derivatives.S[..., None] * x.w)
+    strong += _pressure_by_geometry(el.n, derivatives, x.grad_p) + _convection_by_geometry(el, x)
+    densities.A[..., :d] += x.acceleration + el.n[..., None] * x.grad_p + el.S[..., None] * x.w - body
     densities.dA[:, :, :d] += strong
+    densities.A[..., d] += gradients.div_s
+    densities.dA[:, :, d] += gradients.d_div_s
+    densities.B[:, :, d] -= el.n[..., None] * x.w
+    densities.dB[:, :, d] -= _by_volume(derivatives.n[..., None] * x.w)
+    _add_stresses(densities, el, f, x, derivatives, strong)
+    if el.convection:
+        n = el.n[..., None, None]  # constant where ν_L is not zero
+        div = gradients.div_s + el.n * (gradients.div - gradients.div_s)
+        _add_lsic(densities, el, div, gradients.d_div_s + n * (gradients.d_div - gradients.d_div_s))
+
+
+def _add_free(densities, el, f, x):
+    """Add the rows of a free fluid: values ρ (a + c·∇v) - ρ b and div v, stresses with -p δ_mj, and stabilization."""
+    d = x.grad_p.shape[-1]
+    identity, convection = np.eye(d), _convection_by_geometry(el, x)
+    div, d_div = np.trace(x.grad_v, axis1=2, axis2=3), -np.swapaxes(x.grad_v, 2, 3)
+    densities.A[..., :d] += x.acceleration - el.rho[..., None] * f.b
+    densities.dA[:, :, :d] += convection
+    densities.B[:, :, :d] -= (f.p @ el.N.T)[..., None, None] * identity
+    densities.A[..., d] += div
+    densities.dA[:, :, d] += d_div
+    _add_stresses(densities, el, f, x, None, convection - np.einsum("eql,mi->eqmli", x.grad_p, identity))
+    if el.convection:
+        _add_lsic(densities, el, div, d_div)
+
+
+def _add_stresses(densities, el, f, x, derivatives, strong):
+    """Add viscosity, SUPG, τ ρ r_m c_j, and PSPG, τ n r_j.
+
+    strong : (E, Q, d, d, d), the derivative of r without viscosity by H
+    """
+    d = x.grad_p.shape[-1]
     if el.mu:
         _add_viscous(densities, el, x, derivatives)
     if el.second is not None:
         strong = strong - _viscous_force_by_geometry(el, f, x, derivatives)
+    if derivatives is not None:  # ρ and n before r, which both change like n
+        strong = strong + _by_volume((derivatives.n / el.n)[..., None] * x.residual)
+    pspg = el.tau * el.n
+    densities.B[:, :, d] += pspg[..., None] * x.residual
+    densities.dB[:, :, d] += pspg[..., None, None, None] * strong
     if el.convection:
-        _add_convection(densities, el, x, derivatives, gradients, strong)
-    return strong
+        supg = el.tau_supg * el.rho
+        densities.B[:, :, :d] += supg[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
+        densities.dB[:, :, :d] += np.einsum("eqmli,eqj->eqmjli", supg[..., None, None, None] * strong, x.c)
+
+
+def _add_lsic(densities, el, div, change):
+    """Add LSIC, n ν_L div δ_mj, of a divergence (E, Q) and its derivative by H (E, Q, d, d)."""
+    d, weight = change.shape[-1], el.n * el.nu_lsic
+    densities.B[:, :, :d] += (weight * div)[..., None, None] * np.eye(d)
+    densities.dB[:, :, :d] += np.einsum("eqli,mj->eqmjli", weight[..., None, None] * change, np.eye(d))
 
 
 def _add_viscous(densities, el, x, derivatives):
-    d, mu = x.w.shape[-1], el.mu
+    """Add the viscous stress n μ (∂_j v_m + ∂_m v_j)."""
+    d, mu = x.grad_p.shape[-1], el.mu
     identity, stress = np.eye(d), x.grad_v + np.swapaxes(x.grad_v, 2, 3)
     turned = np.einsum("eqml,ji->eqmjli", x.grad_v, identity) + np.einsum("eqjl,mi->eqmjli", x.grad_v, identity)
     densities.B[:, :, :d] += mu * el.n[..., None, None] * stress
-    densities.dB[:, :, :d] += mu * np.einsum("eq,eqmj,li->eqmjli", derivatives.n, stress, identity)
     densities.dB[:, :, :d] -= mu * el.n[..., None, None, None, None] * turned
+    if derivatives is not None:
+        densities.dB[:, :, :d] += mu * np.einsum("eq,eqmj,li->eqmjli", derivatives.n, stress, identity)
 
 
 def _viscous_force_by_geometry(el, f, x, derivatives):
@@ -135,37 +189,16 @@ def _viscous_force_by_geometry(el, f, x, derivatives):
 
     δ(∂_i∂_j v) = -∂_m∂_j v H_mi - ∂_i∂_m v H_mj, and δ(∂_j n) = -∂_m n H_mj - ∂_j n tr H because J n_s is constant (or n).
     """
-    identity, n = np.eye(x.w.shape[-1]), el.n[..., None, None, None]
-    s, stress = el.second.field(f.v, x.grad_v), x.grad_v + np.swapaxes(x.grad_v, 2, 3)
+    s, identity = el.second.field(f.v, x.grad_v), np.eye(x.grad_p.shape[-1])
     d_inner = 2 * np.einsum("eqmil->eqmli", s) + np.einsum("eqiml->eqmli", s) + np.einsum("eqjjl,mi->eqmli", s, identity)
-    d_stress = np.einsum("eqml,eqi->eqmli", x.grad_v, el.grad_n) + np.einsum("eqjl,eqj,mi->eqmli", x.grad_v, el.grad_n, identity)
-    d_grad_n = np.einsum("eqmi,eql->eqmli", stress, el.grad_n)
-    volume = derivatives.n[..., None] * el.second.viscous(f.v, x.grad_v) - (stress @ el.grad_n[..., None])[..., 0]
-    return el.mu * (_by_volume(volume) - n * d_inner - d_stress - d_grad_n)
-
-
-def _add_convection(densities, el, x, derivatives, gradients, strong):
-    """Add SUPG, τ ρ r_m c_j, and LSIC, n ν_L (div v_s + n div w) δ_mj."""
-    d = x.w.shape[-1]
-    identity, rho = np.eye(d), el.tau_supg * el.rho
-    by_volume = _by_volume((rho * derivatives.n / el.n)[..., None] * x.residual)
-    densities.B[:, :, :d] += rho[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
-    densities.dB[:, :, :d] += np.einsum("eqmli,eqj->eqmjli", by_volume + rho[..., None, None, None] * strong, x.c)
-    n_nu, n = el.n * el.nu_lsic, el.n[..., None, None]  # n is constant where ν_L is not zero
-    total = gradients.div_s + el.n * (gradients.div - gradients.div_s)
-    change = n_nu[..., None, None] * (gradients.d_div_s + n * (gradients.d_div - gradients.d_div_s))
-    densities.B[:, :, :d] += (n_nu * total)[..., None, None] * identity
-    densities.dB[:, :, :d] += np.einsum("eqli,mj->eqmjli", change, identity)
-
-
-def _add_volume(densities, el, x, derivatives, gradients, strong):
-    """Add the volume row: div v_s, the seepage -n w and PSPG's τ n r."""
-    d = x.w.shape[-1]
-    flux = el.tau[..., None] * x.residual - x.w
-    densities.A[..., d] += gradients.div_s
-    densities.dA[:, :, d] += gradients.d_div_s
-    densities.B[:, :, d] += el.n[..., None] * flux
-    densities.dB[:, :, d] += _by_volume(derivatives.n[..., None] * flux) + (el.tau * el.n)[..., None, None, None] * strong
+    force = -el.n[..., None, None, None] * d_inner
+    if derivatives is not None:
+        force += _by_volume(derivatives.n[..., None] * el.second.viscous(f.v, x.grad_v))
+    if el.grad_n is not None:
+        stress, grad_n = x.grad_v + np.swapaxes(x.grad_v, 2, 3), el.grad_n
+        force -= np.einsum("eqml,eqi->eqmli", x.grad_v, grad_n) + np.einsum("eqjl,eqj,mi->eqmli", x.grad_v, grad_n, identity)
+        force -= np.einsum("eqmi,eql->eqmli", stress, grad_n) + _by_volume((stress @ grad_n[..., None])[..., 0])
+    return el.mu * force
 
 
 def _add_undrained(densities, el, dp):
@@ -219,15 +252,16 @@ def _add_curving(K, el, x, derivatives):
 
     Of -div(2 n μ sym ∇v): μ n (∂_l v_m ∂_i∂_i + ∂_l v_i ∂_m∂_i) δy_l - μ J dn/dJ (∂_m v_j + ∂_j v_m) ∂_j∂_l δy_l.
     """
-    dV, shapes, d = el.geometry.dV, el.second.shapes, x.w.shape[-1]
+    dV, shapes, d = el.geometry.dV, el.second.shapes, x.grad_p.shape[-1]
     G = broadcast_gradient(el.geometry.G, dV.shape[1])
-    stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
     E, Q, A = G.shape[:3]
     rows = shapes.reshape(E, Q, A * d, d)
     change = np.einsum("eqbii->eqb", shapes)[..., None, None] * x.grad_v[:, :, None]
     change += (rows @ x.grad_v).reshape(shapes.shape)
     change *= el.n[..., None, None, None]
-    change -= np.swapaxes((rows @ (derivatives.n[..., None, None] * stress)).reshape(shapes.shape), 3, 4)
+    if derivatives is not None:
+        stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
+        change -= np.swapaxes((rows @ (derivatives.n[..., None, None] * stress)).reshape(shapes.shape), 3, 4)
     change *= (el.mu * dV)[..., None, None, None]
     streamline = (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else None
     for m in range(d):
