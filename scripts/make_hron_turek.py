@@ -1,0 +1,93 @@
+"""Write a mesh of the channel of Turek & Hron (2006): cylinder with an elastic beam, conforming along their interface.
+
+Surfaces fluid and beam; curves inlet, outlet, walls, cylinder (wetted arc), root (the arc on which the beam stands) and
+interface (wetted boundary of the beam).  The same gmsh writes the same file; configs/meshes/README.md has the commands.
+"""
+
+from math import asin, cos, hypot, pi, sin
+
+import gmsh
+import gmsh_file
+
+LENGTH, HEIGHT = 2.5, 0.41  # channel [m]
+CENTRE, RADIUS = (0.2, 0.2), 0.05  # cylinder [m]
+TIP, HALF = 0.6, 0.01  # end of the beam and half its thickness [m]
+ROOT = asin(HALF / RADIUS)  # half the angle of the arc on which the beam stands
+SIDE, THICKNESS = 40, 2  # elements along a side of the beam and over its thickness at level 0
+CLUSTER = 0.5  # size at root and tip over the size at half length: both ends are singular
+WALL, GROWTH = 0.01, 0.22  # size at cylinder and beam [m], and its growth with the distance from them [-]
+WAKE, FAR, WAKE_END = 0.03, 0.07, 1.5  # largest size up to the end of the wake, at the outlet [m], and that end [m]
+
+
+def size(x, y):
+    """Return the element size of level 0 [m]: small at the body, moderate in the wake, growing toward the outlet."""
+    cylinder = hypot(x - CENTRE[0], y - CENTRE[1]) - RADIUS
+    beam = hypot(max(CENTRE[0] - x, x - TIP, 0.0), max(abs(y - CENTRE[1]) - HALF, 0.0))
+    behind = max(x - WAKE_END, 0.0) / (LENGTH - WAKE_END)
+    return min(WALL + GROWTH * max(min(cylinder, beam), 0.0), WAKE + behind * (FAR - WAKE))
+
+
+def polyline(points):
+    """Return the lines from each point to the next."""
+    return [gmsh.model.geo.addLine(a, b) for a, b in zip(points, points[1:], strict=False)]
+
+
+def circle_points(angles):
+    """Return points of the cylinder at angles from the x axis [rad]."""
+    return [gmsh.model.geo.addPoint(CENTRE[0] + RADIUS * cos(a), CENTRE[1] + RADIUS * sin(a), 0.0) for a in angles]
+
+
+def structure(level, beam, sides, root, corners):
+    """Make the beam a grid of alternating diagonals, its elements smallest at root and tip."""
+    mesh = gmsh.model.geo.mesh
+    low, *tip, high = sides
+    factor = 2**level
+    for side in (low, high):
+        mesh.setTransfiniteCurve(side, SIDE * factor + 1, "Bump", CLUSTER)
+    for half in tip:
+        mesh.setTransfiniteCurve(half, THICKNESS // 2 * factor + 1)
+    mesh.setTransfiniteCurve(root, THICKNESS * factor + 1)
+    mesh.setTransfiniteSurface(beam, "Alternate", corners)
+
+
+def geometry(level):
+    """Build the two surfaces; return their curves by name and the surfaces by name."""
+    geo = gmsh.model.geo
+    box = [geo.addPoint(x, y, 0.0) for x, y in ((0, 0), (LENGTH, 0), (LENGTH, HEIGHT), (0, HEIGHT))]
+    bottom, outlet, top, inlet = polyline(box + box[:1])
+    centre = geo.addPoint(*CENTRE, 0.0)
+    on_circle = circle_points([ROOT, pi / 2, pi, 1.5 * pi, -ROOT])
+    arcs = [geo.addCircleArc(a, centre, b) for a, b in zip(on_circle, on_circle[1:] + on_circle[:1], strict=True)]
+    ends = [geo.addPoint(TIP, CENTRE[1] + offset, 0.0) for offset in (-HALF, 0.0, HALF)]  # the middle one is A
+    sides = polyline([on_circle[-1], *ends, on_circle[0]])
+    hole = geo.addCurveLoop([*arcs[:-1], *sides])
+    fluid = geo.addPlaneSurface([geo.addCurveLoop([bottom, outlet, top, inlet]), hole])
+    beam = geo.addPlaneSurface([geo.addCurveLoop([*sides, -arcs[-1]])])
+    structure(level, beam, sides, arcs[-1], [on_circle[-1], ends[0], ends[2], on_circle[0]])
+    geo.synchronize()
+    curves = {"inlet": [inlet], "outlet": [outlet], "walls": [bottom, top]}
+    return curves | {"cylinder": arcs[:-1], "root": arcs[-1:], "interface": sides}, {"fluid": [fluid], "beam": [beam]}
+
+
+def main():
+    """Write the mesh that the command line asks for."""
+    parser = gmsh_file.parse(__doc__.splitlines()[0], levels=5)
+    parser.add_argument("--part", choices=("fluid", "solid", "both"), default="both")
+    options = parser.parse_args()
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Verbosity", 2)
+    curves, surfaces = geometry(options.level)
+    unwanted = {"fluid": ("beam", "root"), "solid": ("fluid", "inlet", "outlet", "walls", "cylinder"), "both": ()}[options.part]
+    for dim, groups in ((1, curves), (2, surfaces)):
+        gmsh_file.name_groups(dim, {name: members for name, members in groups.items() if name not in unwanted})
+    for option in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+    gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y) / 2**options.level)
+    gmsh_file.write(options.order, options.output)
+    gmsh_file.report()
+    print(f"elements over the thickness of the beam: {THICKNESS * 2**options.level}")
+    gmsh.finalize()
+
+
+if __name__ == "__main__":
+    main()

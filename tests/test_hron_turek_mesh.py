@@ -1,0 +1,110 @@
+"""The shipped meshes of the channel and of the ring: geometry, names, conformity and shape of the triangles."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from porofsi_petsc.elements.quadrature import quadrature
+from porofsi_petsc.mesh import read_mesh
+from porofsi_petsc.mesh.topology import facet_multiplicity
+
+MESHES = Path(__file__).resolve().parents[1] / "configs" / "meshes"
+CHANNEL = ["hron_turek_0_p1", "hron_turek_0_p2", "hron_turek_1_p1"]
+RING = ["ring_0_p2", "ring_1_p2"]
+CENTRE, RADIUS, HALF, TIP = np.array([0.2, 0.2]), 0.05, 0.01, 0.6  # [m]
+
+
+@pytest.fixture(params=CHANNEL)
+def channel(request):
+    return read_mesh(MESHES / f"{request.param}.msh", 2)
+
+
+@pytest.fixture(params=RING)
+def ring(request):
+    return read_mesh(MESHES / f"{request.param}.msh", 2)
+
+
+def area(mesh, region):
+    """Return the area of a region, ∫ det ∂x/∂ξ."""
+    cells = mesh.cells[mesh.cell_region == mesh.regions.index(region)]
+    xi, weights = quadrature(2, 2 * mesh.element.order)
+    jacobian = np.einsum("eai,qaj->eqij", mesh.points[cells], mesh.element.gradient(xi))
+    return (np.linalg.det(jacobian) @ weights).sum()
+
+
+def smallest_angle(mesh):
+    """Return the smallest angle of all triangles [degrees]."""
+    corners = mesh.points[mesh.cells[:, :3]]
+    a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    cosine = (a * b).sum(axis=2) / np.linalg.norm(a, axis=2) / np.linalg.norm(b, axis=2)
+    return np.degrees(np.arccos(cosine)).min()
+
+
+def radius(points, centre=(0.0, 0.0)):
+    return np.linalg.norm(points - np.asarray(centre), axis=1)
+
+
+def arc_error(angle, mesh, tag):
+    """Return the relative error of the area under an arc by chords, φ²/6 of each angle φ, and a bound of that by parabolas."""
+    return (angle / len(mesh.facets[tag])) ** (2 * mesh.element.order) / 6
+
+
+def test_the_channel_has_its_names_and_no_bad_triangle(channel):
+    assert set(channel.regions) == {"fluid", "beam"}
+    assert set(channel.facets) == {"inlet", "outlet", "walls", "cylinder", "root", "interface"}
+    assert smallest_angle(channel) > 20
+
+
+def test_the_areas_of_channel_and_beam_are_exact_up_to_the_arcs(channel):
+    half_angle = np.arcsin(HALF / RADIUS)
+    wetted = 2 * (np.pi - half_angle)
+    sector = half_angle * RADIUS**2 + HALF * np.sqrt(RADIUS**2 - HALF**2)  # of the disc, on which the beam stands
+    beam = 2 * HALF * (TIP - CENTRE[0]) - sector
+    fluid = 2.5 * 0.41 - np.pi * RADIUS**2 - beam
+    error = np.pi * RADIUS**2 * arc_error(wetted, channel, "cylinder")
+    assert area(channel, "fluid") == pytest.approx(fluid, abs=error)
+    assert area(channel, "beam") == pytest.approx(beam, abs=sector * arc_error(2 * half_angle, channel, "root"))
+
+
+def test_cylinder_and_root_lie_on_the_circle_and_close_it(channel):
+    for tag in ("cylinder", "root"):
+        assert radius(channel.points[channel.facets[tag]].reshape(-1, 2), CENTRE) == pytest.approx(RADIUS, rel=1e-12)
+    ends = np.concatenate([channel.facets[tag][:, :2] for tag in ("cylinder", "root")])
+    assert np.array_equal(np.bincount(ends.ravel())[np.unique(ends)], np.full(len(ends), 2))
+
+
+def test_the_interface_is_the_wetted_boundary_of_the_beam_with_the_point_a(channel):
+    nodes = channel.facets["interface"]
+    points = channel.points[nodes]
+    sides = np.isclose(abs(points[..., 1] - CENTRE[1]), HALF, rtol=0, atol=1e-12).all(axis=1)
+    tip = np.isclose(points[..., 0], TIP, rtol=0, atol=1e-12).all(axis=1)
+    assert (sides ^ tip).all()
+    length = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
+    assert length == pytest.approx(2 * (TIP - CENTRE[0] - np.sqrt(RADIUS**2 - HALF**2)) + 2 * HALF, rel=1e-12)
+    assert np.isclose(channel.points[np.unique(nodes[tip])], [TIP, CENTRE[1]], rtol=0, atol=1e-12).all(axis=1).any()
+
+
+def test_fluid_and_beam_share_the_interface_and_nothing_else(channel):
+    of = {name: np.unique(channel.cells[channel.cell_region == i]) for i, name in enumerate(channel.regions)}
+    assert np.array_equal(np.intersect1d(of["fluid"], of["beam"]), np.unique(channel.facets["interface"]))
+    outer = sum(len(channel.facets[tag]) for tag in ("inlet", "outlet", "walls", "cylinder", "root"))
+    assert (facet_multiplicity(channel.cells, channel.element) == 1).sum() == outer
+
+
+def test_a_level_halves_the_sizes():
+    coarse, fine = (read_mesh(MESHES / f"hron_turek_{level}_p1.msh", 2) for level in (0, 1))
+    for tag in ("inlet", "cylinder", "root", "interface"):
+        assert len(fine.facets[tag]) == 2 * len(coarse.facets[tag])
+
+
+def test_the_quarter_ring_has_its_names_radii_and_areas(ring):
+    assert set(ring.regions) == {"ring", "fluid"}
+    cuts = {f"{region}_{side}" for region in ring.regions for side in ("bottom", "left")}
+    assert set(ring.facets) == {"inside", "interface", "wall"} | cuts
+    for tag, r in (("inside", 0.95), ("interface", 1.05), ("wall", 1.5)):
+        assert radius(ring.points[ring.facets[tag]].reshape(-1, 2)) == pytest.approx(r, rel=1e-12)
+    error = arc_error(np.pi / 2, ring, "wall") * np.pi / 4 * (1.5**2 + 1.05**2)
+    assert area(ring, "ring") == pytest.approx(np.pi / 4 * (1.05**2 - 0.95**2), abs=error)
+    assert area(ring, "fluid") == pytest.approx(np.pi / 4 * (1.5**2 - 1.05**2), abs=error)
+    assert smallest_angle(ring) > 20
