@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.special import jvp, yvp
 
 from porofsi_petsc.exact import (
     UNIAXIAL,
     DynamicColumn,
     Mandel,
+    Ring,
     Selfweight,
     StripFooting,
     Terzaghi,
@@ -163,3 +165,47 @@ def test_the_strip_settles_by_the_difference_of_its_elastic_states_and_by_its_ou
     h, times = 1e-4, 0.3 + 0.2 * (np.arange(10) + 0.5) / 10
     flux = [strip.pressure(x, np.full(x.shape, h), t).sum() * (x[1] - x[0]) / h / 3.0 for t in times]  # k/γ = c_v/E_c
     assert np.diff(sunk)[0] == pytest.approx(np.mean(flux) * 0.2, rel=2e-3)  # what lies beyond x = 40, differences of h
+
+
+RING = Ring(0.95, 1.05, 1.5, 1e6 * 0.3 / (1.3 * 0.4), 1e6 / 2.6, 1000.0)  # E = 1e6 Pa, ν = 0.3
+
+
+@pytest.mark.parametrize("fluid_density, omega", [(0.0, 2.555042), (14.0, 2.435615), (140.0, 1.804513), (1400.0, 0.768654)])
+def test_the_ring_vibrates_at_the_published_frequencies(fluid_density, omega):
+    assert RING.frequency(fluid_density) == pytest.approx(omega, rel=1e-6)  # digits of the table
+
+
+def characteristic_sign(ring, omega, fluid_density):
+    """Return the sign of the determinant of the tractions of ∇(B_n(ω r/c_p) cos nθ) + curl(B_n(ω r/c_s) sin nθ), B = J, Y."""
+    n, m = ring.mode, fluid_density * ring.added_length * omega**2
+    p, q = omega * np.sqrt(ring.density / (ring.lam + 2 * ring.mu)), omega * np.sqrt(ring.density / ring.mu)
+    rows = np.zeros((4, 4))
+    for side, r in enumerate((ring.inner, ring.outer)):
+        for i, bessel in enumerate((jvp, yvp)):
+            for j, k in enumerate((p, q)):
+                B, B1, B2 = (k**order * bessel(n, k * r, order) for order in range(3))
+                U, dU = (B1, B2) if j == 0 else (n * B / r, n * (B1 / r - B / r**2))
+                V, dV = (-n * B / r, -n * (B1 / r - B / r**2)) if j == 0 else (-B1, -B2)
+                normal = ring.lam * (dU + (U + n * V) / r) + 2 * ring.mu * dU - side * m * U  # σ_rr = -p = ρ_f m ω² U
+                rows[2 * side : 2 * side + 2, 2 * i + j] = normal, ring.mu * (dV - (n * U + V) / r)
+    return np.linalg.slogdet(rows / np.abs(rows).max(axis=0))[0]
+
+
+@pytest.mark.parametrize("mode", [2, 3])
+@pytest.mark.parametrize("outer", [1.05, 1.9])
+@pytest.mark.parametrize("fluid_density", [0.0, 140.0])
+def test_the_frequency_of_the_ring_is_a_zero_of_the_bessel_determinant(mode, outer, fluid_density):
+    ring = Ring(0.95, outer, 2.5, RING.lam, RING.mu, 1000.0, mode)
+    omega = ring.frequency(fluid_density)
+    below, above = (characteristic_sign(ring, omega * (1 + shift), fluid_density) for shift in (-1e-7, 1e-7))
+    assert below == -above  # 1e-7: the digits of the polynomials
+
+
+def test_the_shape_of_the_ring_bends_it_without_stretch():
+    angle, step = np.linspace(0, np.pi / 2, 9), 1e-5
+    middle, along = np.stack([np.cos(angle), np.sin(angle)], axis=1), np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    strain = ((RING.shape(middle + step * along) - RING.shape(middle - step * along)) / (2 * step) * along).sum(axis=1)
+    assert np.abs(strain).max() < 0.1**2 / 12  # of the radius, the part of h²/12R² that theories of thin rings leave out
+    thinning = 0.3 / 0.7 * 3 * 0.1**2 / 8  # ν/(1 - ν) ∫ (n² - 1) z/R² dz from the middle to the outer surface, where u_r = 1
+    ends = RING.shape(np.array([[1.05, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    assert ends == pytest.approx(np.array([[1, 0], [1 + thinning, 0], [0, -1 - thinning]]), abs=0.1 * thinning)  # h/R

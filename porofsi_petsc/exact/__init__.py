@@ -1,6 +1,6 @@
-"""Exact solutions of saturated porous media; NumPy and SciPy only, and nothing of the package: they judge it.
+"""Exact solutions of porous media and of a ring in a fluid; NumPy and SciPy only, and nothing of the package: they judge it.
 
-Depth z [m] is measured downward from the drained surface in the reference configuration, settlement is positive downward and
+In porous layers depth z [m] is measured downward from the drained surface in the reference configuration, settlement is positive downward and
 pressure in compression.  Sudden loads act from t = 0+.
 """
 
@@ -8,7 +8,8 @@ from .confined import UNIAXIAL, confined_ratio
 from .consolidation import Terzaghi, XieLeo
 from .dynamic import DynamicColumn
 from .mandel import Mandel
+from .ring import Ring
 from .selfweight import Selfweight
 from .strip import StripFooting
 
-__all__ = ["UNIAXIAL", "DynamicColumn", "Mandel", "Selfweight", "StripFooting", "Terzaghi", "XieLeo", "confined_ratio"]
+__all__ = ["UNIAXIAL", "DynamicColumn", "Mandel", "Ring", "Selfweight", "StripFooting", "Terzaghi", "XieLeo", "confined_ratio"]
