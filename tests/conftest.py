@@ -27,6 +27,14 @@ def pytest_runtest_logreport(report):
         MPI.COMM_WORLD.Abort(1)
 
 
+@pytest.fixture(scope="module")
+def petsc():
+    """Start PETSc without options of a user."""
+    from porofsi_petsc.linalg.options import start
+
+    start()
+
+
 @pytest.fixture
 def shared_path(tmp_path):
     """Return one temporary folder that all ranks see."""

@@ -6,25 +6,20 @@ import numpy as np
 import pytest
 import sympy as sp
 from manufactured import NORMALS, SCENE, Fields, Manufactured, entries, medium, prescribed_skeleton, square, steps_to_end, t, x, y
-from test_phases import MESHES
-from test_phases import medium as small_medium
+from small_media import MESHES
+from small_media import medium as small_medium
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.fem.boundary import Dirichlet, SurfaceLoad
 from porofsi_petsc.fem.domain import Domain
-from porofsi_petsc.linalg.options import start
 from porofsi_petsc.phases.fluid import FluidPhase
 from porofsi_petsc.phases.transfer import Flow, Rates
 from porofsi_petsc.simulation.build import fluid_setup, porous_materials
 from porofsi_petsc.stopwatch import Stopwatch
 
+pytestmark = pytest.mark.usefixtures("petsc")
 FLOW = ("model.viscosity=true", "model.convection=true")
 COARSE = ("mesh.x.cells=[3]", "mesh.y.cells=[3]", "time.step=0.05", "time.end=0.25")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def petsc():
-    start()
 
 
 def moments(X, force):

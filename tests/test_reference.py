@@ -5,16 +5,11 @@ from running import Job, run_here, summary
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import InputError
-from porofsi_petsc.linalg.options import start
 from porofsi_petsc.simulation import check
 
+pytestmark = pytest.mark.usefixtures("petsc")
 SHORT = ("mesh.y.cells=[4]", "mesh.y.ratios=[1.0]", "time.end=0.2", "time.step=0.1", "time.growth=1.0")
 WEIGHTLESS = ("reference={ solution = 'selfweight', length = 10.0 }", "body_force.solid.y='-10*minimum(t, 1)'")
-
-
-@pytest.fixture(autouse=True)
-def petsc():
-    start()
 
 
 @pytest.mark.parametrize(

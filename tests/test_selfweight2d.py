@@ -10,12 +10,12 @@ from porofsi_petsc.clock import backward_euler
 from porofsi_petsc.config.catalogue import find_scene
 from porofsi_petsc.exact.selfweight import Selfweight
 from porofsi_petsc.fem.domain import Configuration
-from porofsi_petsc.linalg.options import start
 from porofsi_petsc.phases.transfer import Flow, Rates
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.stopwatch import Stopwatch
 
+pytestmark = pytest.mark.usefixtures("petsc")
 VARIANTS = {
     "as it is": (),
     "2 g": ('body_force.solid.y="-9.81*minimum(t, 1)"',),
@@ -24,11 +24,6 @@ VARIANTS = {
 }
 COARSE = ("mesh.x.cells=[2, 2]", "mesh.y.cells=[2, 2]")
 WEIGHT = 0.67 * 2000 * 4.905  # [N/m³]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def petsc():
-    start()
 
 
 def test_the_scene_names_its_variants():
