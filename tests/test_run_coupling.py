@@ -47,3 +47,11 @@ def test_a_permeability_below_double_precision_is_refused(tmp_path):
 @pytest.mark.parametrize("tangent", ["newton", "lagged"])
 def test_vanishing_permeability_at_finite_strain_takes_few_sweeps(tmp_path, tangent, k):
     assert most_sweeps(tmp_path, f"material.0.permeability.k={k}", f"coupling.tangent={tangent}") <= 15
+
+
+@pytest.mark.parametrize("k", ["1e-10", "1e-12"])
+def test_a_held_load_at_vanishing_permeability_takes_few_sweeps(tmp_path, k):
+    """From the second step on nothing moves, but v_s has the round-off of u/Δt, and the drag that of S u/Δt."""
+    still = ("time.scheme=backward_euler", "model.solid_inertia=false", "model.fluid_inertia=false", "model.convection=false")
+    held = ("boundary.3={ on = 'strip', traction = { y = '-1e5' } }", "limits={ inertia = 'report', reynolds = 'report' }")
+    assert most_sweeps(tmp_path, *still, *held, f"material.0.permeability.k={k}") <= 15

@@ -9,7 +9,7 @@ from ..errors import ConvergenceError
 # and its volume rates, where a scheme knows their weight in forces, that of the skeleton's equilibrium.
 ROUND_OFF = 1e-13
 # The drag S (v_f - v_s) is a difference of forces S v that cancel: its round-off (measured at k_f = 1e-12 m/s on both orders and
-# three steps: 0.13 to 0.32 of this times |S v_f|).
+# three steps: 0.13 to 0.32 of this times |S v_f|); v_s = c_v Δu has that of S c_v u.
 EPSILON = 2.2e-16
 # Above this part of the largest force present that round-off would pass for the balance of the fluid (1e-4 at k_f = 1e-14 m/s).
 BLIND = 1e-2
@@ -36,7 +36,7 @@ class Convergence:
     def reached(self, norms, drag):
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
 
-        drag : the force S v_f [N], of whose round-off no momentum residual is free; raises ConvergenceError where it drowns them
+        drag : the force S v_f or S c_v u [N], of whose round-off no momentum residual is free; raises ConvergenceError where it drowns them
         """
         errors = {}
         for field, (_, force) in norms.items():

@@ -37,7 +37,8 @@ class PorousMedium:
             self.fluid.follow(self.solid.skeleton())
             fluid_residuals = self.fluid.residual(self.solid.skeleton())
             solid_residual = self.solid.residual(self.fluid.flow())
-            if self.convergence.reached(_norms(fluid_residuals, solid_residual), self.fluid.drag_scale()):
+            drag = self.fluid.drag_scale(self.solid.skeleton(), rates)
+            if self.convergence.reached(_norms(fluid_residuals, solid_residual), drag):
                 self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
                 return
             if iteration < self._cap:

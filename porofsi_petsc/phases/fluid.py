@@ -117,10 +117,14 @@ class FluidPhase:
         """
         return momentum.total if self._setup.split == "corrected" else 0.0
 
-    def drag_scale(self):
-        """Return the norm of S v_f as nodal forces [N] (collective): round-off of v_f - v_s is that of this force."""
-        v = self._level(self.v, self._v1)[: self.mesh.n_owned]
-        force = self._drag_weight[:, None] * v
+    def drag_scale(self, skeleton, rates):
+        """Return the norm of S max(|v_f|, c_v |u|) as nodal forces [N] (collective): round-off of v_f - v_s is that of this force.
+
+        v_s is a difference of displacements, whose digits it loses where a deformed skeleton hardly moves any more.
+        """
+        n = self.mesh.n_owned
+        v_f, u = self._level(self.v, self._v1)[:n], skeleton.displacement[:n]
+        force = self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
         return float(np.sqrt(self.mesh.comm.allreduce(np.vdot(force, force))))
 
     def _weigh_drag(self, skeleton):
