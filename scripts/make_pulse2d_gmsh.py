@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import gmsh
+import gmsh_file
 
 WIDTH, HEIGHT, STRIP = 21.0, 10.0, (10.0, 11.0)  # [m]
 FINE, COARSE = 0.2, 1.5  # element size at the strip and far away [m]
@@ -29,9 +30,8 @@ def name_groups(lines, surface):
     bottom, right, *top, left = lines
     strip, rest = top[2:4], top[:2] + top[4:]
     groups = {"bottom": [bottom], "right": [right], "top": rest, "strip": strip, "left": [left]}
-    for name, members in groups.items():
-        gmsh.model.addPhysicalGroup(1, members, name=name)
-    gmsh.model.addPhysicalGroup(2, [surface], name="body")
+    gmsh_file.name_groups(1, groups)
+    gmsh_file.name_groups(2, {"body": [surface]})
 
 
 def grade(strip):
@@ -53,11 +53,7 @@ def main():
     lines, surface = outline()
     name_groups(lines, surface)
     grade(lines[4:6])
-    gmsh.option.setNumber("Mesh.ElementOrder", 2)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.model.mesh.generate(2)
-    MESH.parent.mkdir(exist_ok=True)
-    gmsh.write(str(MESH))
+    gmsh_file.write(2, MESH)
     gmsh.finalize()
 
 
