@@ -36,7 +36,7 @@ class Convergence:
     def reached(self, norms, drag):
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
 
-        drag : the force S v_f or S c_v u [N], of whose round-off no momentum residual is free; raises ConvergenceError where it drowns them
+        drag : the force S v_f or S c_v u [N], whose round-off the momentum residuals have; ConvergenceError where it drowns them
         """
         errors = {}
         for field, (_, force) in norms.items():

@@ -118,7 +118,7 @@ class FluidPhase:
         return momentum.total if self._setup.split == "corrected" else 0.0
 
     def drag_scale(self, skeleton, rates):
-        """Return the norm of S max(|v_f|, c_v |u|) as nodal forces [N] (collective): round-off of v_f - v_s is that of this force.
+        """Return the norm of the nodal forces S max(|v_f|, c_v |u|) [N] (collective), whose round-off v_f - v_s has.
 
         v_s is a difference of displacements, whose digits it loses where a deformed skeleton hardly moves any more.
         """
