@@ -33,6 +33,32 @@ def implicit_second_order(dt):
 
 
 @dataclass(frozen=True)
+class Steady:
+    """No rates at all: the balance holds at the end of a step, whose size only counts the steps of a load."""
+
+    dt: float
+
+    alpha_m = alpha_f = 1.0
+    c_v = c_a = 0.0
+
+    def rates(self, y1, y0, r0, a0):
+        """Return zero rates."""
+        return 0.0 * r0, 0.0 * a0
+
+    def predict(self, y0, r0, a0):
+        """Return y0."""
+        return y0.copy()
+
+    def velocity_level(self, r0, r1):
+        """Return zero."""
+        return r1
+
+    def acceleration_level(self, a0, a1):
+        """Return zero."""
+        return a1
+
+
+@dataclass(frozen=True)
 class FirstOrder:
     """y1 = y0 + dt ((1 - gamma) r0 + gamma r1); the balance holds for r at alpha_m and y at alpha_f."""
 

@@ -24,8 +24,9 @@ from porofsi_petsc.phases.fluid import FluidPhase
 from porofsi_petsc.phases.solid import SolidPhase
 from porofsi_petsc.phases.transfer import Flow, Rates, Skeleton
 from porofsi_petsc.simulation import build
-from porofsi_petsc.simulation.build import fluid_setup, porous_materials, serial_mesh, solid_setup
+from porofsi_petsc.simulation.build import serial_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.setups import fluid_setup, materials_of, solid_setup
 from porofsi_petsc.stopwatch import Stopwatch
 
 SCENE = str(SCENES / "manufactured.toml")
@@ -361,7 +362,7 @@ def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
 def _domain(scene):
     start()
     mesh = square(scene)
-    return Domain(mesh), porous_materials(scene, mesh)
+    return Domain(mesh), materials_of(scene, mesh)
 
 
 # -- errors and orders ----------------------------------------------------------------------------------------------------

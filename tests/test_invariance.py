@@ -14,7 +14,7 @@ from porofsi_petsc.fem.boundary import Dirichlet, SurfaceLoad
 from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.phases.fluid import FluidPhase
 from porofsi_petsc.phases.transfer import Flow, Rates
-from porofsi_petsc.simulation.build import fluid_setup, porous_materials
+from porofsi_petsc.simulation.setups import fluid_setup, materials_of
 from porofsi_petsc.stopwatch import Stopwatch
 
 pytestmark = pytest.mark.usefixtures("petsc")
@@ -71,7 +71,7 @@ def test_a_uniform_flow_stays_uniform_while_the_mesh_is_shaken(order, rho_inf):
     constants = [lambda time, points, c=c: np.full(len(points), c) for c in UNIFORM]
     outflow = {side: np.dot(normal, UNIFORM) for side, normal in NORMALS.items()}
     setup = replace(
-        fluid_setup(scene, domain, porous_materials(scene, mesh), Stopwatch()),
+        fluid_setup(scene, domain, materials_of(scene, mesh), Stopwatch()),
         velocity=Dirichlet(mesh, 2, entries(NORMALS, constants)),
         fluxes=tuple(
             SurfaceLoad(mesh, side, {0: lambda time, points, g=outflow[side]: np.full(len(points), g)})

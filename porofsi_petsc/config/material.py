@@ -1,4 +1,4 @@
-"""Entries [[material]]: one saturated soil per volume group."""
+"""Entries [[material]]: a saturated soil, a solid without pores or a free fluid per volume group."""
 
 from typing import Annotated, Literal
 
@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from .types import Number, Positive, Table, Tags, wrong
 
 EXPONENT_LAWS = ("markert", "ehlers_eipper")
+PORE_LAWS = ("xie_leo", "ehlers_eipper")
 
 
 class Solid(Table):
@@ -63,13 +64,20 @@ class Permeability(Table):
 
 
 class Material(Table):
-    """A saturated porous material: initial porosity n_f, solid, fluid and permeability."""
+    """A saturated porous material of solid, fluid, initial porosity n_f and permeability; or a solid alone, or a fluid alone."""
 
     region: Tags
-    porosity: Annotated[Number, Field(gt=0, lt=1)]
-    solid: Solid
-    fluid: Fluid
-    permeability: Permeability
+    porosity: Annotated[Number, Field(gt=0, lt=1)] | None = None
+    solid: Solid | None = None
+    fluid: Fluid | None = None
+    permeability: Permeability | None = None
+
+    @property
+    def kind(self):
+        """Return "porous", "solid" or "fluid"."""
+        if self.fluid is None:
+            return "solid"
+        return "porous" if self.solid else "fluid"
 
     @property
     def mobility(self):
@@ -79,7 +87,23 @@ class Material(Table):
         return self.permeability.intrinsic / self.fluid.viscosity
 
     @model_validator(mode="after")
+    def _complete(self):
+        if self.solid is None and self.fluid is None:
+            raise wrong("received neither solid nor fluid, expected one of them, or both with porosity and permeability")
+        for name in ("porosity", "permeability"):
+            given = getattr(self, name) is not None
+            if self.kind == "porous" and not given:
+                raise wrong("received nothing, which a material of solid and fluid needs", name)
+            if self.kind != "porous" and given:
+                raise wrong(f"received one with a {self.kind} alone, expected solid and fluid, or no {name}", name)
+        if self.kind == "solid" and self.solid.law in PORE_LAWS:
+            raise wrong(f"received '{self.solid.law}', a law of soils, for a solid without pores; choose another", "solid.law")
+        return self
+
+    @model_validator(mode="after")
     def _mobility_known(self):
+        if self.kind != "porous":
+            return self
         if self.permeability.k is not None and self.fluid.specific_weight is None:
             raise wrong("received nothing, expected a number [N/m^3], which permeability.k needs", "fluid.specific_weight")
         if self.permeability.intrinsic is not None and self.fluid.viscosity is None:
@@ -95,8 +119,13 @@ def check_materials(materials, brinkman):
             if region in owner:
                 raise wrong(f"region '{region}' has a material already, material.{owner[region]}", f"material.{i}.region")
             owner[region] = i
-        if brinkman and material.fluid.viscosity is None:
+        if brinkman and material.fluid and material.fluid.viscosity is None:
             key = f"material.{i}.fluid.viscosity"
             raise wrong("received nothing, expected a number [Pa s], which model.viscosity needs", key)
+    kinds = {material.kind for material in materials}
+    if "porous" in kinds and len(kinds) > 1:
+        other = next(i for i, material in enumerate(materials) if material.kind != "porous")
+        text = f"received a {materials[other].kind} beside a porous material, expected porous materials only, or none"
+        raise wrong(text, f"material.{other}")
     if "all" in owner and len(owner) > 1:
         raise wrong("received 'all' beside other regions, expected 'all' alone", f"material.{owner['all']}.region")

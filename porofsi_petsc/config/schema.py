@@ -8,7 +8,22 @@ from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_ex
 from .geometry import MeshSection
 from .material import Material, check_materials
 from .reference import Reference
-from .sections import LIMIT_OF, Coupling, Expect, Figures, Limits, Model, Output, Petsc, Probe, Smoke, Stabilization, Time
+from .sections import (
+    LIMIT_OF,
+    Coupling,
+    Expect,
+    Figures,
+    Force,
+    Limits,
+    MeshMotion,
+    Model,
+    Output,
+    Petsc,
+    Probe,
+    Smoke,
+    Stabilization,
+    Time,
+)
 from .types import Table, Text, closest, list_of, wrong
 
 
@@ -32,8 +47,10 @@ class Scene(Table):
     initial: Initial = Initial()
     stabilization: Stabilization = Stabilization()
     coupling: Coupling = Coupling()
+    mesh_motion: MeshMotion = MeshMotion()
     petsc: Petsc = Petsc()
     probe: list_of(Probe) = ()
+    force: list_of(Force) = ()
     output: Output = Output()
     figures: Figures = Figures()
     reference: Reference | None = None
@@ -46,6 +63,23 @@ class Scene(Table):
     def dim(self):
         """Return the space dimension, 2 or 3."""
         return self.mesh.dim
+
+    @property
+    def columns(self):
+        """Return the names of the quantities that the history records."""
+        probes = [f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities]
+        return probes + [f"{force.name}.f_{axis}" for force in self.force for axis in "xyz"[: self.dim]]
+
+    @property
+    def phases(self):
+        """Return whether there is a solid, and whether there is a fluid."""
+        kinds = {material.kind for material in self.material}
+        return bool(kinds & {"solid", "porous"}), bool(kinds & {"fluid", "porous"})
+
+    @property
+    def is_porous(self):
+        """Return whether the materials are porous media; else they are solids and free fluids."""
+        return self.material[0].kind == "porous"
 
     @property
     def source_path(self):
@@ -70,6 +104,7 @@ class Scene(Table):
             check_expressions(boundary, self.dim, f"boundary.{i}")
         check_expressions(self.body_force, self.dim, "body_force")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
+        self._check_kinds()
         self._check_auto()
         self._check_time_scheme()
         self._check_mass_scaling()
@@ -77,6 +112,28 @@ class Scene(Table):
         self._check_reference()
         self._check_expectations()
         return self
+
+    def _check_kinds(self):
+        """Refuse what belongs to porous media in a scene without, and the other way round."""
+        if self.is_porous:
+            for name, value in (("coupling.scheme", self.coupling.scheme), ("time.scheme", self.time.scheme)):
+                if value in ("weak", "one_way", "steady"):
+                    raise wrong(f"received '{value}' with porous materials, expected it with free fluids and solids only", name)
+            if self.force:
+                raise wrong("received a surface with porous materials, expected a free fluid, which has a force on it", "force.0")
+            return
+        for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
+            if getattr(self.model, term) == "auto":
+                raise wrong("received 'auto' without porous materials, expected true or false", f"model.{term}")
+        if self.model.porosity != "constant":
+            raise wrong(f"received '{self.model.porosity}' without porous materials; leave it out", "model.porosity")
+        if self.reference:
+            raise wrong("received a reference without porous materials, for which there is none; leave it out", "reference")
+        for i, boundary in enumerate(self.boundary):
+            for name in ("pressure", "flux"):
+                if getattr(boundary, name) is not None:
+                    advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
+                    raise wrong(f"received one without porous materials; {advice}", f"boundary.{i}.{name}")
 
     def _check_auto(self):
         for term, limit in LIMIT_OF.items():
@@ -88,9 +145,10 @@ class Scene(Table):
             raise wrong(text, "model.porosity")
 
     def _check_time_scheme(self):
-        if self.time.scheme == "backward_euler" and (self.model.solid_inertia or self.model.fluid_inertia):
-            text = "received 'backward_euler' with inertia, expected model.solid_inertia = false and model.fluid_inertia = false"
-            raise wrong(f"{text}, or scheme = 'generalized_alpha'", "time.scheme")
+        if self.time.scheme != "generalized_alpha" and (self.model.solid_inertia or self.model.fluid_inertia):
+            received = f"received '{self.time.scheme}' with inertia"
+            text = "expected model.solid_inertia = false and model.fluid_inertia = false"
+            raise wrong(f"{received}, {text}, or scheme = 'generalized_alpha'", "time.scheme")
         if self.time.consistent_start and self.model.solid_inertia is not True:
             received = f"received true with model.solid_inertia = {_toml(self.model.solid_inertia)}"
             raise wrong(f"{received}, expected a skeleton that has an acceleration; leave it out", "time.consistent_start")
@@ -105,6 +163,9 @@ class Scene(Table):
 
     def _check_probes(self):
         names = [probe.name for probe in self.probe]
+        for i, force in enumerate(self.force):
+            if force.name in names or force.name in [other.name for other in self.force[:i]]:
+                raise wrong(f"received '{force.name}', the name of another probe or force, expected another", f"force.{i}.name")
         for i, probe in enumerate(self.probe):
             if probe.name in names[:i]:
                 text = f"received '{probe.name}', the name of probe.{names.index(probe.name)}, expected another"
@@ -134,7 +195,7 @@ class Scene(Table):
             )
 
     def _check_expectations(self):
-        recorded = [f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities]
+        recorded = self.columns
         if self.reference:
             recorded += ["error.p"] if self.reference.solution == "strip_footing" else ["error.u", "error.p"]
         for i, expect in enumerate(self.expect):
@@ -143,6 +204,9 @@ class Scene(Table):
                 raise wrong(text, f"expect.{i}.quantity")
             if expect.quantity.startswith("error.") and expect.at is not None and expect.at not in self.reference.times:
                 raise wrong(f"received {expect.at:g}, expected one of reference.times, when errors are taken", f"expect.{i}.at")
+        if self.output.period_of is not None and self.output.period_of not in recorded:
+            received = f"received '{self.output.period_of}', which is not recorded"
+            raise wrong(f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of")
         for name in self.figures.paths:
             if not {f"{name}.u_x", f"{name}.u_y"} <= set(recorded):
                 raise wrong(f"received '{name}', expected a probe that records u_x and u_y", "figures.paths")

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict, model_validator
 
-from .types import Count, Flag, Limit, Name, Number, Positive, Scaling, Switch, Table, Text, list_of, wrong
+from .types import Count, Flag, Limit, Name, Number, Positive, Scaling, Switch, Table, Tags, Text, list_of, wrong
 
 QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
 
@@ -60,7 +60,7 @@ class Time(Table):
     end: Positive
     step: Positive
     rho_inf: Annotated[Number, Field(ge=0, le=1)] = 0.5
-    scheme: Literal["generalized_alpha", "backward_euler"] = "generalized_alpha"
+    scheme: Literal["generalized_alpha", "backward_euler", "steady"] = "generalized_alpha"
     growth: Annotated[Number, Field(ge=1)] = 1.0
     max_step: Positive | None = None
     consistent_start: Flag = False
@@ -100,7 +100,7 @@ class Stabilization(Table):
 class Coupling(Table):
     """The partitioned iteration: split, accelerator and its factor, tolerance on the true residuals, and what ends it."""
 
-    scheme: Literal["partitioned", "quasi_direct", "direct"] = "partitioned"
+    scheme: Literal["partitioned", "quasi_direct", "direct", "weak", "one_way"] = "partitioned"
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["aitken", "none", "constant", "anderson", "iqn_ils", "auto"] = "aitken"
     reuse_steps: Annotated[int, Strict(), Field(ge=0)] = 4
@@ -121,8 +121,16 @@ class Coupling(Table):
         return self
 
 
+class MeshMotion(Table):
+    """How the mesh of a free fluid follows the solid: an elastic law, stiffer on small elements by (V_mean/V)^stiffening."""
+
+    law: Literal["linear_elastic", "harmonic", "neo_hookean"] = "linear_elastic"
+    poisson: Annotated[Number, Field(gt=-1, lt=0.5)] = 0.3
+    stiffening: Annotated[Number, Field(ge=0)] = 1.5
+
+
 class Petsc(Table):
-    """PETSc's options as on a command line, prefixes fluid_ and solid_."""
+    """PETSc's options as on a command line, prefixes fluid_, solid_ and mesh_."""
 
     options: Text = ""
 
@@ -141,13 +149,24 @@ class Probe(Table):
         return self
 
 
+class Force(Table):
+    """The force of a free fluid on tagged surfaces, recorded in every step as name.f_x, name.f_y, name.f_z [N]."""
+
+    name: Name
+    on: Tags
+
+
 class Output(Table):
-    """Intervals of the output, in steps (minutes where it says so); absent means never."""
+    """Intervals of the output, in steps (minutes where it says so); absent means never.
+
+    period_of : the column of the history whose last full period is analysed
+    """
 
     fields_every: Count | None = None
     checkpoint_every: Count | None = None
     checkpoint_minutes: Positive | None = None
     history_every: Count = 1
+    period_of: Text | None = None
 
 
 class Figures(Table):

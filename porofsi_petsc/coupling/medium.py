@@ -1,4 +1,4 @@
-"""A saturated porous medium: skeleton and fluid on coincident meshes, whatever solves their common step."""
+"""A solid and a fluid with a common step, whatever solves it: a saturated porous medium, or two that share an interface."""
 
 import collections
 
@@ -7,8 +7,11 @@ import numpy as np
 from .convergence import Convergence
 
 
-class PorousMedium:
-    """The two phases, their convergence and their state; a scheme adds how an iteration changes the trial states."""
+class Medium:
+    """The two phases, their convergence and their state; a scheme adds how an iteration changes the trial states.
+
+    Here the skeleton carries the fluid: a porous medium.
+    """
 
     advice = "try a smaller step or more coupling.max_iterations"
 
@@ -28,16 +31,16 @@ class PorousMedium:
         schemes : (solid, fluid) time schemes; rates : `phases.transfer.Rates`.
         """
         solid_scheme, fluid_scheme = schemes
-        accepted = self.solid.accepted_skeleton()
-        self.fluid.begin_step(fluid_scheme, rates, t, accepted)
+        accepted = self.accepted_carrier()
         self.solid.begin_step(solid_scheme, t)
+        self.fluid.begin_step(fluid_scheme, rates, t, accepted)
         self.convergence.start_step()
-        self._begin(rates, accepted)
+        self._begin(t, rates, accepted)
         for iteration in range(self._cap + 1):
-            self.fluid.follow(self.solid.skeleton())
-            fluid_residuals = self.fluid.residual(self.solid.skeleton())
-            solid_residual = self.solid.residual(self.fluid.flow())
-            drag = self.fluid.drag_scale(self.solid.skeleton(), rates)
+            self.fluid.follow(self.carrier())
+            fluid_residuals = self.fluid.residual(self.carrier())
+            solid_residual = self.solid.residual(self.flow(fluid_residuals))
+            drag = self.fluid.drag_scale(self.carrier(), rates)
             if self.convergence.reached(_norms(fluid_residuals, solid_residual), drag):
                 self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
                 return
@@ -45,6 +48,22 @@ class PorousMedium:
                 self._iterate(iteration, solid_residual, fluid_residuals, rates)
         self.reset()
         raise self.convergence.failure(t, step, self.advice)
+
+    def carrier(self):
+        """Return what carries the fluid in the trial state."""
+        return self.solid.skeleton()
+
+    def accepted_carrier(self):
+        """Return what carries the fluid in the accepted state."""
+        return self.solid.accepted_skeleton()
+
+    def skeleton_at(self, u, v):
+        """Return what carries the fluid at a displacement and a velocity, both (n_local, d)."""
+        return self.solid.skeleton_at(u, v)
+
+    def flow(self, fluid_residuals):
+        """Return what the solid feels of the fluid in the trial state, which has these residuals."""
+        return self.fluid.flow()
 
     def start(self, schemes, rates):
         """Give the phases the accelerations and the pressure that the balances ask for at t = 0 (0+ where a load is sudden).
@@ -87,10 +106,18 @@ class PorousMedium:
         n, flow = self.solid.mesh.n_owned, self.fluid.flow()
         return self.solid.velocity[:n], flow.velocity[:n], flow.pressure[:n, None]
 
+    def displacement(self):
+        """Return the accepted displacement of solid and mesh, (n_local, d) [m]."""
+        return self.solid.u
+
+    def velocity(self):
+        """Return the accepted velocity of solid and mesh, (n_local, d) [m/s]."""
+        return self.solid.v
+
     def energies(self):
         """Return kinetic and elastic energy of the accepted state [J] (collective)."""
         kinetic, elastic = self.solid.energies()
-        return kinetic + self.fluid.kinetic_energy(self.solid.accepted_skeleton()), elastic
+        return kinetic + self.fluid.kinetic_energy(self.accepted_carrier()), elastic
 
     def state(self):
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
@@ -113,7 +140,7 @@ class PorousMedium:
             name, _, field = key.partition(".")
             parts[name][field] = array
         self.solid.load_state(parts["solid"], memory["solid"], rates)
-        self.fluid.load_state(parts["fluid"], memory["fluid"], schemes[1], rates, self.solid.skeleton_at)
+        self.fluid.load_state(parts["fluid"], memory["fluid"], schemes[1], rates, self.skeleton_at)
         self.iterations, self.convergence.largest = memory["iterations"], memory["largest"]
 
 

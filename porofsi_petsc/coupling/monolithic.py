@@ -1,9 +1,9 @@
 """The saturated porous medium solved as one system: Newton's iteration with all off-diagonal tangents (quasi-direct, direct)."""
 
-from .medium import PorousMedium
+from .medium import Medium
 
 
-class MonolithicCoupling(PorousMedium):
+class MonolithicCoupling(Medium):
     """Newton's iteration for (y, v_f, p) together; what the partitioned scheme must reproduce to its tolerance."""
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, mixture):
@@ -21,7 +21,7 @@ class MonolithicCoupling(PorousMedium):
         """Return the mixture's solver, whose time contains those of the phases."""
         return [self.mixture.solver] if self.mixture.solver else []
 
-    def _begin(self, rates, accepted):
+    def _begin(self, t, rates, accepted):
         """Do nothing: the predictors are the phases'."""
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):

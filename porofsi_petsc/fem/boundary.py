@@ -108,6 +108,12 @@ def _trace(domain, rows, nodes):
     return element.shape(xi), dN @ inverse(jacobian)[0], normal
 
 
+def tags_of(mesh, row_of_cell):
+    """Return the set of tags of a `LocalMesh` with a facet on a cell whose row, (cells,), is not negative (collective)."""
+    mine = {tag for tag, facets in mesh.facets.items() if (row_of_cell[facets.cells] >= 0).any()}
+    return set().union(*mesh.comm.allgather(mine))
+
+
 def owned_nodes(mesh, tag):
     """Return the owned nodes that lie on a tagged surface, sorted."""
     nodes = np.unique(mesh.facets[tag].nodes)

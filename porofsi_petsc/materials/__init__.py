@@ -1,6 +1,6 @@
 """Tables of the constitutive laws: registering a law is adding one line."""
 
-from .elastic import EhlersEipper, LinearElastic, NeoHookean, NeoHookeanJ2, SaintVenantKirchhoff, XieLeo
+from .elastic import EhlersEipper, Harmonic, LinearElastic, NeoHookean, NeoHookeanJ2, SaintVenantKirchhoff, XieLeo
 from .permeability import constant, ehlers_eipper, kozeny_carman, markert, xie_leo
 
 ELASTIC = {
@@ -11,6 +11,8 @@ ELASTIC = {
     "xie_leo": XieLeo,
     "ehlers_eipper": EhlersEipper,
 }
+
+MESH_MOTION = {"harmonic": Harmonic, "linear_elastic": LinearElastic, "neo_hookean": NeoHookean}
 
 PERMEABILITY = {
     "constant": constant,

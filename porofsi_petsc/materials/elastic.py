@@ -51,6 +51,21 @@ class LinearElastic(ElasticLaw):
         return np.broadcast_to(_isotropic(self.lam, self.mu, H.shape[-1]), H.shape + H.shape[-2:])
 
 
+class Harmonic(ElasticLaw):
+    """P = mu H: every component of the displacement is harmonic.  No material, but the simplest motion of a mesh."""
+
+    small_strain = True
+
+    def stress(self, H):
+        """Return P, (..., d, d)."""
+        return self.mu * H
+
+    def tangent(self, H):
+        """Return dP/dF = mu d_ik d_JL, (..., d, d, d, d), constant."""
+        identity = np.eye(H.shape[-1])
+        return np.broadcast_to(self.mu * np.einsum("ik,JL->iJkL", identity, identity), H.shape + H.shape[-2:])
+
+
 class SaintVenantKirchhoff(ElasticLaw):
     """Psi = lambda/2 (tr E)^2 + mu E:E with E = (F^T F - I)/2 = (H + H^T + H^T H)/2."""
 

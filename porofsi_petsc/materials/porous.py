@@ -1,4 +1,7 @@
-"""One saturated porous material: what the kernels need of a point, from its volume ratio J."""
+"""One saturated porous material: what the kernels need of a point, from its volume ratio J.
+
+Its limits are a free fluid (n_s = 0, no drag) and a solid without pores (n_s = 1), which the same two phases solve.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .permeability import ehlers_eipper, kozeny_carman, markert
+from .permeability import constant, ehlers_eipper, kozeny_carman, markert
 
 POROSITY_LAWS = (markert, ehlers_eipper, kozeny_carman)
 
@@ -29,6 +32,21 @@ class PorousMaterial:
     exponent: float
     viscosity: float = 0.0
     variable_porosity: bool = False
+
+    @classmethod
+    def free_fluid(cls, rho, viscosity):
+        """Return a fluid without a skeleton; rho [kg/m^3], viscosity [Pa s]."""
+        return cls(None, 0.0, 0.0, rho, 0.0, constant, 0.0, viscosity)
+
+    @classmethod
+    def dense_solid(cls, elastic, rho):
+        """Return a solid without pores; rho [kg/m^3]."""
+        return cls(elastic, 1.0, rho, 0.0, 0.0, constant, 0.0)
+
+    @property
+    def is_free_fluid(self):
+        """Return whether there is no skeleton."""
+        return self.elastic is None
 
     def fluid_fraction(self, J):
         """Return n_f, the shape of J."""
@@ -56,7 +74,8 @@ class PorousMaterial:
 
     def open_pores(self, J):
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when nothing depends on it."""
-        if self.variable_porosity or self.permeability in POROSITY_LAWS or self.elastic.compacts:
+        compacts = self.elastic and self.elastic.compacts
+        if self.variable_porosity or self.permeability in POROSITY_LAWS or compacts:
             return self.n_s0 < J
         return np.ones(J.shape, dtype=bool)
 

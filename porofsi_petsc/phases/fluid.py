@@ -18,6 +18,8 @@ STRAY = 0.02  # change of the volume ratio after which a lagged tangent is renew
 class FluidPhase:
     """Solve momentum and volume balance for the phase velocity v_f and the pressure p on the mesh that the skeleton carries.
 
+    `force` is that on the boundary of a free fluid at the end of the accepted step, `_force0` the collocated one.
+
     Arrays with ghosts: `v`, `a` (n_local, d), `p` (n_local,) at the end of the accepted step; `_v1`, `_a1` of the trial step.
     The pressure has no rate: its unknown `_p1` is the value on the collocation level, where the balances hold, and p is what a
     line through it and the collocated value before, `_p0`, takes at the end of the step.  An unknown p at the end of the step
@@ -32,6 +34,7 @@ class FluidPhase:
         self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
         self.v, self.a = (np.zeros((self.mesh.n_local, self.mesh.dim)) for _ in range(2))
         self.p, self._p0 = np.zeros(self.mesh.n_local), np.zeros(self.mesh.n_local)
+        self.force, self._force0 = (np.zeros((self.mesh.n_owned, self.mesh.dim)) for _ in range(2))
         self._p0_age = None  # time from the level of _p0 to the accepted end of step [s]; None: no line through _p0
         self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = None
@@ -68,14 +71,17 @@ class FluidPhase:
         self._setup.velocity.apply(self._v1, t + scheme.dt)
         self._setup.pressure.apply(self._p1[:, None], t_alpha)
         self._update_rates()
-        self._flux = np.zeros((self.mesh.n_owned, 1))
+        self._traction, self._flux = np.zeros((self.mesh.n_owned, self.mesh.dim)), np.zeros((self.mesh.n_owned, 1))
+        for load in self._setup.loads:
+            load.add_to(self._traction, t_alpha)
         for load in self._setup.fluxes:
             load.add_to(self._flux, t_alpha)
         shape = (self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim)
         b = self._setup.body_force
         self._b = body_acceleration(self.domain, b, t_alpha) if b else np.broadcast_to(0.0, shape)
         self._parameters.update(self.scheme.dt, rates, skeleton, self.v)
-        self._weigh_drag(skeleton)
+        if self._setup.porous:
+            self._weigh_drag(skeleton)
 
     def _update_rates(self):
         if self._setup.inertia:
@@ -122,6 +128,8 @@ class FluidPhase:
 
         v_s is a difference of displacements, whose digits it loses where a deformed skeleton hardly moves any more.
         """
+        if not self._setup.porous:
+            return 0.0
         n = self.mesh.n_owned
         v_f, u = self._level(self.v, self._v1)[:n], skeleton.displacement[:n]
         force = self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
@@ -162,12 +170,17 @@ class FluidPhase:
             momentum[:, chunk], volume[:, chunk] = kernel.flow_residual(elements, _part(fields, chunk))
         momentum_terms = {name: domain.scatter_add(m) for name, m in zip(kernel.MOMENTUM_TERMS, momentum, strict=True)}
         volume_terms = {name: domain.scatter_add(v) for name, v in zip(kernel.VOLUME_TERMS, volume, strict=True)}
-        volume_terms["flux"] = self._flux
+        momentum_terms["traction"], volume_terms["flux"] = -self._traction, self._flux
         comm = self.mesh.comm
-        return (
-            Residual(comm, momentum_terms, self._setup.velocity_free),
-            Residual(comm, volume_terms, self._setup.pressure.free),
-        )
+        self._momentum = Residual(comm, momentum_terms, self._setup.velocity_free)
+        return self._momentum, Residual(comm, volume_terms, self._setup.pressure.free)
+
+    def boundary_force(self, momentum):
+        """Return the force of a free fluid on what bounds it, (n_owned, d) [N]: minus the residual without given tractions.
+
+        Inside it is zero up to the solver's tolerance; on boundary nodes no stress is recovered (Gresho, Lee & Sani 1987).
+        """
+        return -sum(term for name, term in momentum.terms.items() if name != "traction")
 
     @property
     def _doubles_per_cell(self):
@@ -207,11 +220,12 @@ class FluidPhase:
             tau=setup.pspg * stabilization.tau[chunk],
             tau_supg=setup.supg * stabilization.tau[chunk],
             nu_lsic=stabilization.nu_lsic[chunk],
-            tau_u=stabilization.tau_u[chunk],
+            tau_u=None if material.is_free_fluid else stabilization.tau_u[chunk],
             second=second,
             grad_n=grad_n,
             convection=setup.convection,
             order=self.domain.element.order,
+            free=material.is_free_fluid,
         )
 
     # -- tangent ----------------------------------------------------------------------------------------------------------
@@ -230,6 +244,8 @@ class FluidPhase:
 
     def strayed(self, skeleton):
         """Return whether a volume ratio differs by more than STRAY from the one in the tangent (collective)."""
+        if not self.domain.n_nodes:
+            return False
         change = np.abs(skeleton.configuration.J / self._tangent_J - 1).max(initial=0.0)
         return max(self.mesh.comm.allgather(change)) > STRAY
 
@@ -257,6 +273,8 @@ class FluidPhase:
 
     @timed("assembly")
     def _assemble(self, skeleton, rates, fields):
+        if not self.domain.n_nodes:
+            return
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.mask)
         values = self._setup.element_view(self._matrix, self.components)
@@ -264,7 +282,8 @@ class FluidPhase:
             values[chunk] = K
         self._matrix.assemble()
         self._tangent_J = skeleton.configuration.J
-        self._chi = self.dragged_fraction(skeleton, rates)
+        if self._setup.porous:
+            self._chi = self.dragged_fraction(skeleton, rates)
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix, self.components)
@@ -331,16 +350,23 @@ class FluidPhase:
 
     def accept(self):
         """Make the trial state the accepted one."""
+        if not self._setup.porous:
+            force = self.boundary_force(self._momentum)
+            self.force, self._force0 = self._at_end(self._force0, force), force
         self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), self._end_pressure()
         self._p0, self._p0_age = self._p1.copy(), (1 - self.scheme.alpha_f) * self.scheme.dt
 
     def _end_pressure(self):
-        """Return the pressure at the end of the trial step, on the line through the last two collocated ones."""
-        scheme, end = self.scheme, self._p1.copy()
-        if self._p0_age is not None:
-            end += (1 - scheme.alpha_f) * scheme.dt / (self._p0_age + scheme.alpha_f * scheme.dt) * (self._p1 - self._p0)
+        end = self._at_end(self._p0, self._p1)
         self._setup.pressure.apply(end[:, None], self._t_end)
         return end
+
+    def _at_end(self, before, now):
+        """Return a value at the end of the trial step, on the line through the last two collocated ones."""
+        scheme = self.scheme
+        if self._p0_age is None:
+            return now.copy()
+        return now + (1 - scheme.alpha_f) * scheme.dt / (self._p0_age + scheme.alpha_f * scheme.dt) * (now - before)
 
     def reset(self):
         """Forget the trial state."""
@@ -349,7 +375,9 @@ class FluidPhase:
     def state(self):
         """Return every array a restart needs, name -> (n_owned, ...)."""
         n = self.mesh.n_owned
-        return {"v": self.v[:n], "a": self.a[:n], "p": self.p[:n], "p_collocated": self._p0[:n]} | self._rule.state(n)
+        forces = {} if self._setup.porous else {"force": self.force, "force_collocated": self._force0}
+        fields = {"v": self.v[:n], "a": self.a[:n], "p": self.p[:n], "p_collocated": self._p0[:n]}
+        return fields | forces | self._rule.state(n)
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
@@ -362,6 +390,8 @@ class FluidPhase:
         """
         self.v, self.a, self.p, self._p0 = (self.mesh.halo.extend(arrays[name]) for name in ("v", "a", "p", "p_collocated"))
         self._p0_age = memory["pressure_age"]
+        if not self._setup.porous:
+            self.force, self._force0 = arrays["force"], arrays["force_collocated"]
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)
         if point is None or self._rule.rates != rates:

@@ -30,7 +30,8 @@ class StabilizationParameters:
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
             configuration, material = skeleton.configuration, setup.materials[region]
             self._momentum(chunk, material, configuration.J[chunk], configuration.geometry.G[chunk], c[chunk], dt)
-            self._undrained(chunk, material, configuration.J[chunk], rates, vertices)
+            if not material.is_free_fluid:
+                self._undrained(chunk, material, configuration.J[chunk], rates, vertices)
 
     def _momentum(self, chunk, material, J, G, c, dt):
         setup, N, h = self._setup, self._setup.domain.mass.N, self._setup.domain.h[chunk]

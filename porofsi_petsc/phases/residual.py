@@ -13,7 +13,12 @@ class Residual:
     @property
     def total(self):
         """Return the sum of the terms on free rows, (n_owned, k)."""
-        return self._free(sum(self.terms.values()))
+        return self._free(self.unconstrained)
+
+    @property
+    def unconstrained(self):
+        """Return the sum of the terms on all rows, (n_owned, k): on prescribed ones minus the force that holds them."""
+        return sum(self.terms.values())
 
     def norms(self):
         """Return (norm of the total, largest norm of a term), Euclidean over all ranks (collective)."""
@@ -29,5 +34,5 @@ class Residual:
 
     def reaction_power(self, velocity):
         """Return the power of what holds the prescribed rows: (sum of terms - its free part) · velocity (collective)."""
-        held = sum(self.terms.values()) - self.total
+        held = self.unconstrained - self.total
         return self._comm.allreduce(float(np.vdot(held, velocity)))

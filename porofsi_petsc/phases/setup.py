@@ -10,6 +10,7 @@ from ..fem.domain import Domain
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import CooMatrix
 from ..linalg.solver import LinearSolver
+from ..materials.elastic import ElasticLaw
 from ..stopwatch import Stopwatch
 
 
@@ -31,6 +32,11 @@ class PhaseSetup:
     direct: bool
     stopwatch: Stopwatch
 
+    @property
+    def porous(self):
+        """Return whether a material has solid and fluid."""
+        return any(0 < material.n_s0 < 1 for material in self.materials.values())
+
     def element_view(self, matrix, components):
         """Return the element buffer of a matrix of `new_matrix` as (E, A, m, A, m)."""
         return matrix.values.reshape(self.domain.n_cells, *(2 * (self.domain.cells.shape[1], components)))
@@ -45,11 +51,12 @@ class PhaseSetup:
         constrained = mask[cells].reshape(dofs.shape)
         return CooMatrix(domain.mesh.comm, len(domain.nodes) * components, dofs, owned, constrained, components, prefix)
 
-
     def solve(self, solver, rhs):
         """Return the solution on the owned nodes for a right side, both (n_owned, m); zero outside of the domain (collective)."""
         solution = np.zeros(rhs.shape)
         nodes = self.domain.nodes
+        if not self.domain.n_nodes:
+            return solution
         solution[nodes] = solver.solve(rhs[nodes].ravel()).reshape(len(nodes), -1)
         return solution
 
@@ -75,8 +82,35 @@ class SolidSetup(PhaseSetup):
 
 
 @dataclass(frozen=True)
+class MeshSetup(PhaseSetup):
+    """The motion of a free fluid's mesh: an elastic law on the reference configuration, stiffer on small elements.
+
+    interface : (n_local,) bool, nodes that follow the solid; dirichlet : prescribed displacement, fixed boundaries included;
+    stiffening : exponent χ of (V_mean/V_e)^χ, the factor of the law in element e (Stein, Tezduyar & Benney 2003)
+    """
+
+    law: ElasticLaw
+    stiffening: float
+    interface: np.ndarray
+    dirichlet: Dirichlet
+
+    @cached_property
+    def mask(self):
+        """Return where the displacement is prescribed, (n_local, d) bool."""
+        return self.dirichlet.mask | self.interface[:, None]
+
+    def new_solver(self, matrix):
+        """Return the KSP of the motion."""
+        mesh = self.domain.mesh
+        matrix.declare_symmetric()
+        modes = rigid_body_modes(mesh.X[self.domain.nodes], mesh.comm)
+        defaults = solid_defaults(mesh.dim, self.direct) | ({} if self.direct else {"ksp_rtol": 1e-8})
+        return LinearSolver(matrix.mat, "mesh_", defaults, near_nullspace=modes)
+
+
+@dataclass(frozen=True)
 class FluidSetup(PhaseSetup):
-    """The fluid: essential velocity and pressure, seepage fluxes [m/s], walls without slip, stabilization.
+    """The fluid: essential velocity and pressure, tractions on a free fluid [Pa], seepage fluxes [m/s], stabilization.
 
     no_slip : (n_local,) bool, nodes with v_f = v_s; stress_nodes : (n_local,) bool, nodes where the pressure and the total
     stress are prescribed and so the auxiliary field s is known; free_surface : elements (F,) and terms (F, A, A) of the
@@ -85,6 +119,7 @@ class FluidSetup(PhaseSetup):
 
     velocity: Dirichlet
     pressure: Dirichlet
+    loads: tuple
     fluxes: tuple
     no_slip: np.ndarray
     stress_nodes: np.ndarray

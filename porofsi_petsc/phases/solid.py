@@ -68,6 +68,11 @@ class SolidPhase:
         return self.u + self.scheme.alpha_f * (self._u1 - self.u)
 
     @property
+    def end_displacement(self):
+        """Return u at the end of the trial step, (n_local, d) [m]."""
+        return self._u1
+
+    @property
     def velocity(self):
         """Return the velocity on the collocation level, (n_local, d) [m/s]."""
         return self.scheme.velocity_level(self.v, self._v1)
@@ -134,7 +139,9 @@ class SolidPhase:
         return self._own
 
     def _flow_terms(self, flow):
-        """Return pressure and drag."""
+        """Return pressure and drag, or the force of a free fluid."""
+        if not self._setup.porous:
+            return {"interface": -flow.force}
         domain, configuration = self.domain, self.skeleton().configuration
         p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
         pressure, drag = np.empty(w.shape), np.empty(w.shape)
@@ -192,6 +199,8 @@ class SolidPhase:
 
     @timed("assembly")
     def _assemble(self, u, configuration, rates):
+        if not self.domain.n_nodes:
+            return
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.dirichlet.mask)
         values = self._setup.element_view(self._matrix, self.mesh.dim)

@@ -9,8 +9,9 @@ from ..fem.domain import Configuration
 
 @dataclass(frozen=True)
 class Skeleton:
-    """From the solid to the fluid: configuration of the mesh and v_s on the collocation level, (n_local, d) [m/s].
+    """What carries the fluid's mesh: its configuration and v_s on the collocation level, (n_local, d) [m/s].
 
+    In a porous medium it is the skeleton itself; a free fluid has the motion of its mesh, the solid's on their interface.
     end_velocity : v_s on the new level, which no-slip walls prescribe; displacement : u (n_local, d) [m] of the configuration.
     """
 
@@ -28,10 +29,14 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class Flow:
-    """From the fluid to the solid: phase velocity v_f (n_local, d) [m/s] and pressure p (n_local,) [Pa]."""
+    """From the fluid to the solid: phase velocity v_f (n_local, d) [m/s] and pressure p (n_local,) [Pa].
+
+    force : of a free fluid on the nodes of the interface, (n_owned, d) [N], zero elsewhere; None in a porous medium
+    """
 
     velocity: np.ndarray
     pressure: np.ndarray
+    force: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

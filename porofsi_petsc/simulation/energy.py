@@ -88,11 +88,12 @@ def step_powers(solid_residual, fluid_residuals, v_s, v_f, p):
     momentum, volume = fluid_residuals
     solid, fluid, mass = solid_residual.power(v_s), momentum.power(v_f), volume.power(p)
     reactions = solid_residual.reaction_power(v_s) + momentum.reaction_power(v_f) + volume.reaction_power(p)
-    external = reactions - solid["traction"] - solid["body"] - fluid["body"] - mass["flux"]
+    external = reactions - solid["traction"] - solid["body"] - fluid["body"] - fluid["traction"] - mass["flux"]
+    external -= solid.get("interface", 0.0)  # what the fluid does there is among the reactions
     return {
         "external": external,
         "stored": solid["stress"] + solid.get("inertia", 0.0) + fluid["inertia"],
-        "drag": solid["drag"] + fluid["drag"],
+        "drag": solid.get("drag", 0.0) + fluid["drag"],
         "viscous": fluid["viscous"],
         "stabilization": fluid["stabilization"] + mass["pspg"] + mass["undrained"],
     }

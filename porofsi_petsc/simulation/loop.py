@@ -3,7 +3,7 @@
 import signal
 import time
 
-from ..clock import backward_euler, first_order, implicit_second_order, second_order
+from ..clock import Steady, backward_euler, first_order, implicit_second_order, second_order
 from ..errors import ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
@@ -12,7 +12,7 @@ from .auto import auto_terms
 from .energy import step_powers
 from .step_control import StepControl, StepTooLarge
 
-ABSENT_PREFIXES = ("mesh_",)  # solvers that no porous scene has; their options may stand in a shared options file
+ABSENT_PREFIXES = ("mesh_",)  # a solver that many scenes do not have; its options may stand in a shared options file
 COLLECTIVE = (ConvergenceError, LimitError, Stopped)  # raised on all ranks together, so that what follows may be collective
 # Size of the step that finds the accelerations at t = 0, in first steps: its own error of first order is this much smaller than
 # what second order in time allows, and u1 - u0 - dt v0 keeps enough digits for the coupling tolerance (1e-3 stalls at 4e-9).
@@ -79,8 +79,8 @@ class Clock:
     def schemes(self, model, dt):
         """Return the time schemes of solid and fluid for a step of size dt, and their `Rates`."""
         section = self._section
-        if section.scheme == "backward_euler":
-            solid = fluid = backward_euler(dt)
+        if section.scheme != "generalized_alpha":
+            solid = fluid = {"backward_euler": backward_euler, "steady": Steady}[section.scheme](dt)
         else:
             fluid = first_order(section.rho_inf, dt)
             solid = second_order(section.rho_inf, dt) if model.solid_inertia else fluid

@@ -12,8 +12,8 @@ from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain
 from ..tensors import det_minus_one, transpose
 from .auto import at_start
-from .build import porous_materials
 from .reference import Comparison
+from .setups import materials_of
 
 
 class NodalAverage:
@@ -30,8 +30,9 @@ class NodalAverage:
         return np.repeat((values * self._volume[:, None])[:, None], A, axis=1)
 
     def __call__(self, cell_values):
-        """Return the nodal values (n_owned, k) of element values (E, k)."""
-        return self._domain.scatter_add(self._spread(cell_values)) / self._total
+        """Return the nodal values (n_owned, k) of element values (E, k), zero outside of the domain."""
+        total = self._domain.scatter_add(self._spread(cell_values))
+        return np.divide(total, self._total, out=np.zeros_like(total), where=self._total > 0)
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,14 @@ class Omission:
 
 
 class TrialStep:
-    """The end of a trial step: u [m], v_s, v_f [m/s] and the mean rates of these in the step [m/s²], all (n_local, d)."""
+    """The end of a trial step: u [m], v_s, v_m, v_f [m/s] and the mean rates of these in the step [m/s²], all (n_local, d)."""
 
     def __init__(self, medium, dt):
         """Take the trial states of a medium after a step of size dt (collective)."""
         solid, fluid = medium.solid, medium.fluid
         extend, d = solid.mesh.halo.extend, solid.mesh.dim
         self.u, self.v_s, self.v_f = extend(solid.unknowns), solid.skeleton().end_velocity, extend(fluid.unknowns[:, :d])
+        self.v_m = medium.carrier().end_velocity
         self.solid_rate, self.fluid_rate = (self.v_s - solid.v) / dt, (self.v_f - fluid.v) / dt
         self.solid_residual, (self.fluid_residual, _) = medium.residuals
 
@@ -64,29 +66,31 @@ class TrialStep:
 class Measures:
     """Fields for output and sizes of neglected terms of the accepted state of a coupling."""
 
-    def __init__(self, scene, domain, materials):
+    def __init__(self, scene, coupling, materials):
         """Prepare what the scene's model leaves out; `sizes` (name -> largest size) belongs to the run and its checkpoints."""
-        self._scene, self._domain, self._materials = at_start(scene), domain, materials
-        self._average = NodalAverage(domain)
+        self._scene, self._materials = at_start(scene), materials
+        self._solid, self._fluid = coupling.solid.domain, coupling.fluid.domain
+        self._mesh = self._solid.mesh
+        self._in_solid, self._in_fluid = NodalAverage(self._solid), NodalAverage(self._fluid)
         self.omissions = list(_omissions(self._scene, materials))
         self.sizes = {omission.name: 0.0 for omission in self.omissions}
         self.roughness = self.largest_pressure = 0.0
         self._interior = self._interior_nodes()
-        self.comparison = Comparison(scene, domain) if scene.reference else None
+        self.comparison = Comparison(scene, self._solid) if scene.reference else None
 
     # -- fields -----------------------------------------------------------------------------------------------------------
 
     def porosity(self, skeleton):
         """Return n_f at the nodes, (n_owned, 1)."""
-        values = np.empty((self._domain.n_cells, 1))
-        for region, span in self._domain.region_slices.items():
+        values = np.empty((self._fluid.n_cells, 1))
+        for region, span in self._fluid.region_slices.items():
             if span.stop > span.start:
                 values[span, 0] = self._materials[region].fluid_fraction(skeleton.configuration.J[span]).mean(axis=1)
-        return self._average(values)
+        return self._in_fluid(values)
 
     def stress(self, u):
         """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy, yz, zz (2-D: plane strain)."""
-        domain = self._domain
+        domain = self._solid
         nodal = domain.gather(u)
         values = np.empty((domain.n_cells, 6))
         for region, span in domain.region_slices.items():
@@ -96,22 +100,22 @@ class Measures:
             cauchy = P if law.small_strain else (P @ transpose(F)) / (1 + det_minus_one(H))[..., None, None]
             mean = cauchy.mean(axis=1)
             values[span] = np.stack([mean[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1)
-        return self._average(values)
+        return self._in_solid(values)
 
     # -- oscillation ------------------------------------------------------------------------------------------------------
 
     def _interior_nodes(self):
-        interior = np.ones(self._domain.n_owned, dtype=bool)
-        for tag in self._domain.mesh.facets:
-            interior[owned_nodes(self._domain.mesh, tag)] = False
+        interior = self._fluid.holds[: self._mesh.n_owned].copy()
+        for tag in self._mesh.facets:
+            interior[owned_nodes(self._mesh, tag)] = False
         return interior
 
     def watch_pressure(self, p):
         """Record |p - p̄| and |p| over interior nodes (Euclidean), p̄ the volume-weighted average over the elements of a node."""
-        local = self._average(self._domain.gather(p).mean(axis=1, keepdims=True))[:, 0]
-        mine = p[: self._domain.n_owned]
+        local = self._in_fluid(self._fluid.gather(p).mean(axis=1, keepdims=True))[:, 0]
+        mine = p[: self._mesh.n_owned]
         rough = (mine - local)[self._interior]
-        squares = self._domain.mesh.comm.allreduce(np.array([np.vdot(rough, rough), np.vdot(mine, mine)]))
+        squares = self._mesh.comm.allreduce(np.array([np.vdot(rough, rough), np.vdot(mine, mine)]))
         self.roughness = max(self.roughness, float(np.sqrt(squares[0])))
         self.largest_pressure = max(self.largest_pressure, float(np.sqrt(squares[1])))
 
@@ -129,7 +133,7 @@ class Measures:
 
     def remodel(self, scene):
         """Go on with another [model] of the scene; the sizes of what it does not leave out are dropped."""
-        self._scene, self._materials = scene, porous_materials(scene, self._domain.mesh)
+        self._scene, self._materials = scene, materials_of(scene, self._mesh)
         self.omissions = list(_omissions(scene, self._materials))
         self.sizes = {omission.name: self.sizes.get(omission.name, 0.0) for omission in self.omissions}
 
@@ -140,8 +144,10 @@ class Measures:
             "strain": lambda: self._largest_strain(step.u),
             "mesh_displacement": lambda: self._mesh_displacement(step.u),
             "reynolds": lambda: self._reynolds(step, medium.fluid.scheme),
-            "solid_inertia": lambda: self._inertia(step.solid_rate, step.solid_residual, lambda m: m.rho_s),
-            "fluid_inertia": lambda: self._inertia(step.fluid_rate, step.fluid_residual, lambda m: (1 - m.n_s0) * m.rho_fR),
+            "solid_inertia": lambda: self._inertia(self._solid, step.solid_rate, step.solid_residual, lambda m: m.rho_s),
+            "fluid_inertia": lambda: self._inertia(
+                self._fluid, step.fluid_rate, step.fluid_residual, lambda m: (1 - m.n_s0) * m.rho_fR
+            ),
             "porosity_change": lambda: self._porosity_change(step.u),
             "viscosity": lambda: self._brinkman_ratio(step.u),
         }
@@ -179,45 +185,44 @@ class Measures:
 
     def _maximum(self, cell_values):
         local = float(cell_values.max()) if cell_values.size else 0.0
-        return max(self._domain.mesh.comm.allgather(local))
+        return max(self._mesh.comm.allgather(local))
 
-    def _gradients(self, u):
-        domain = self._domain
+    def _gradients(self, u, domain):
         return displacement_gradient(domain.reference_stiffness.G, domain.gather(u))
 
     def _largest_strain(self, u):
-        E = green_strain(self._gradients(u))
+        E = green_strain(self._gradients(u, self._solid))
         return self._maximum(np.sqrt(np.einsum("...ij,...ij->...", E, E)))
 
     def _mesh_displacement(self, u):
-        length = np.linalg.norm(self._domain.gather(u), axis=-1).max(axis=1)
-        return self._maximum(length / self._domain.h)
+        length = np.linalg.norm(self._fluid.gather(u), axis=-1).max(axis=1)
+        return self._maximum(length / self._fluid.h)
 
     def _volume_ratio(self, u):
         """Return the mean J of every element of the fluid's mesh, (E, 1): 1 where it does not move."""
         if not self._scene.model.moving_mesh:
-            return np.ones((self._domain.n_cells, 1))
-        return 1 + det_minus_one(self._gradients(u)).mean(axis=1, keepdims=True)
+            return np.ones((self._fluid.n_cells, 1))
+        return 1 + det_minus_one(self._gradients(u, self._fluid)).mean(axis=1, keepdims=True)
 
     def _reynolds(self, step, scheme):
-        domain, N, model = self._domain, self._domain.mass.N, self._scene.model
+        domain, N, model = self._fluid, self._fluid.mass.N, self._scene.model
         sizes, J = np.zeros(domain.n_cells), self._volume_ratio(step.u)
-        c = domain.gather(step.v_f - step.v_s if model.moving_mesh else step.v_f)
+        c = domain.gather(step.v_f - step.v_m if model.moving_mesh else step.v_f)
         for region, span in domain.region_slices.items():
             material, n = self._materials[region], self._materials[region].fluid_fraction(J[span])
             rho, viscous = n * material.rho_fR, 4 * n * material.viscosity / domain.h[span, None] ** 2
             resistance = material.drag(J[span]) + viscous + (rho * scheme.c_v if model.fluid_inertia else 0.0)
-            sizes[span] = (convective_scale(N, domain.reference.G[span], rho, c[span]) / resistance).max(axis=1, initial=0.0)
+            convective = convective_scale(N, domain.reference.G[span], rho, c[span])
+            sizes[span] = np.divide(convective, resistance).max(axis=1, initial=0.0)
         return self._maximum(sizes)
 
-    def _inertia(self, rate, residual, density):
+    def _inertia(self, domain, rate, residual, density):
         """Return the norm of lumped mass times the rate of the velocity over the largest force of the phase in the step."""
-        force = self._lumped_mass(density)[:, None] * rate[: self._domain.n_owned]
-        norm, largest = np.sqrt(self._domain.mesh.comm.allreduce(float(np.vdot(force, force)))), residual.norms()[1]
+        force = self._lumped_mass(domain, density)[:, None] * rate[: self._mesh.n_owned]
+        norm, largest = np.sqrt(self._mesh.comm.allreduce(float(np.vdot(force, force)))), residual.norms()[1]
         return norm / largest if largest else 0.0
 
-    def _lumped_mass(self, density):
-        domain = self._domain
+    def _lumped_mass(self, domain, density):
         weights = np.zeros(domain.n_cells)
         for region, span in domain.region_slices.items():
             weights[span] = density(self._materials[region]) * domain.reference.dV[span].sum(axis=1)
@@ -225,19 +230,19 @@ class Measures:
         return domain.scatter_add(np.repeat(weights[:, None] / A, A, axis=1)[..., None])[:, 0]
 
     def _porosity_change(self, u):
-        J = 1 + det_minus_one(self._gradients(u))
-        change = np.zeros(self._domain.n_cells)
-        for region, span in self._domain.region_slices.items():
+        J = 1 + det_minus_one(self._gradients(u, self._fluid))
+        change = np.zeros(self._fluid.n_cells)
+        for region, span in self._fluid.region_slices.items():
             n_s0 = self._materials[region].n_s0
             change[span] = np.abs(n_s0 * (1 - 1 / J[span])).max(axis=1, initial=0.0) / (1 - n_s0)
         return self._maximum(change)
 
     def _brinkman_ratio(self, u):
-        ratio, J = np.zeros(self._domain.n_cells), self._volume_ratio(u)
+        ratio, J = np.zeros(self._fluid.n_cells), self._volume_ratio(u)
         for entry in self._scene.material:
-            for region, span in self._domain.region_slices.items():
+            for region, span in self._fluid.region_slices.items():
                 if entry.fluid.viscosity and region in (*entry.region, region if entry.region == ("all",) else None):
-                    material, h = self._materials[region], self._domain.h[span, None]
+                    material, h = self._materials[region], self._fluid.h[span, None]
                     viscous = 4 * material.fluid_fraction(J[span]) * entry.fluid.viscosity / h**2
                     ratio[span] = (viscous / material.drag(J[span])).max(axis=1, initial=0.0)
         return self._maximum(ratio)
@@ -261,20 +266,28 @@ def _omissions(scene, materials):
         bound = getattr(scene.limits, limit)
         return Omission(name, limit, None if bound == "report" else bound, term, remedy, meaning)
 
-    if any(material.elastic.small_strain for material in materials.values()):
+    if any(material.elastic and material.elastic.small_strain for material in materials.values()):
         meaning = "largest norm of the Green strain under a small-strain law"
         yield left_out("strain", "", "take a law for large strain in material.solid.law", meaning)
-    if not model.moving_mesh:
+    solids, fluids = scene.phases
+    if not model.moving_mesh and solids and fluids:
         meaning = "largest displacement over element size on the fixed mesh"
         yield left_out("mesh_displacement", "moving_mesh", "set model.moving_mesh = true", meaning)
-    if not model.convection:
+    if not model.convection and fluids:
         meaning = "convection over transient, drag and viscous forces at element scale"
         yield left_out("reynolds", "convection", "set model.convection = true", meaning)
-    for phase in ("solid", "fluid"):
+    for phase, present in (("solid", solids), ("fluid", fluids)):
         term = f"{phase}_inertia"
-        if not getattr(model, term):
+        if not getattr(model, term) and present and scene.time.scheme != "steady":
             meaning = f"inertia of the {phase} that is left out over the largest force on it in a step"
             yield left_out(term, term, f"set model.{term} = true", meaning)
+    if scene.is_porous:
+        yield from _porous_omissions(scene, left_out)
+
+
+def _porous_omissions(scene, left_out):
+    """Yield what only a porous medium can leave out."""
+    model = scene.model
     if model.porosity == "constant" or not model.moving_mesh:
         remedy = 'set model.porosity = "variable" and model.moving_mesh = true'
         meaning = "largest change of n_f that n_s = n_s0/J would give, over n_f"

@@ -2,11 +2,14 @@
 
 import time
 
+import numpy as np
+
 from ..config import scene_to_toml
 from ..output.checkpoint import write_checkpoint
 from ..output.fields import FieldWriter
 from ..output.history import History
 from ..output.probes import Probes
+from .setups import nodes_of
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -21,12 +24,13 @@ class Records:
         self.progress = self._history = self._fields = None
         self._mesh = coupling.solid.mesh
         self._probes = Probes(self._mesh, [(probe.name, probe.at) for probe in scene.probe])
+        self._surfaces = [nodes_of(self._mesh, force.on)[: self._mesh.n_owned] for force in scene.force]
         self._last_checkpoint = time.monotonic()
 
     @property
     def columns(self):
         """Return the columns of the history between t and coupling_iterations."""
-        return [f"{probe.name}.{quantity}" for probe in self._scene.probe for quantity in probe.quantities]
+        return self._scene.columns
 
     @property
     def checkpoint_path(self):
@@ -46,7 +50,7 @@ class Records:
     def start(self, clock):
         """Write the initial state."""
         with self._stopwatch.measure("output"):
-            self._history.append(clock.t, self._probe_values(), 0)
+            self._history.append(clock.t, self._values(), 0)
             self._write_fields(clock)
 
     def after_step(self, clock, iterations, control):
@@ -54,7 +58,7 @@ class Records:
         output = self._scene.output
         with self._stopwatch.measure("output"):
             if clock.step % output.history_every == 0 or clock.finished:
-                self._history.append(clock.t, self._probe_values(), iterations[-1])
+                self._history.append(clock.t, self._values(), iterations[-1])
             if self._fields and (clock.step % output.fields_every == 0 or clock.finished):
                 self._write_fields(clock)
             self.progress.update(clock.step, clock.t, iterations[-1])
@@ -95,16 +99,23 @@ class Records:
     def _write_fields(self, clock):
         if not self._fields:
             return
-        solid, fluid, n = self._coupling.solid, self._coupling.fluid, self._mesh.n_owned
+        coupling, n = self._coupling, self._mesh.n_owned
         fields = {
-            "displacement": solid.u[:n],
-            "pressure": fluid.p[:n],
-            "solid velocity": solid.v[:n],
-            "fluid velocity": fluid.v[:n],
-            "porosity": self._measures.porosity(solid.accepted_skeleton()),
-            "stress": self._measures.stress(solid.u),
+            "displacement": coupling.displacement()[:n],
+            "pressure": coupling.fluid.p[:n],
+            "solid velocity": coupling.velocity()[:n],
+            "fluid velocity": coupling.fluid.v[:n],
+            "stress": self._measures.stress(coupling.solid.u),
         }
+        if self._scene.is_porous:
+            fields["porosity"] = self._measures.porosity(coupling.accepted_carrier())
         self._fields.write(clock.step, clock.t, fields)
+
+    def _values(self):
+        """Return the values of `columns` at the present time (collective)."""
+        force = self._coupling.fluid.force
+        mine = np.array([force[surface].sum(axis=0) for surface in self._surfaces]).ravel()
+        return self._probe_values() + self._mesh.comm.allreduce(mine).tolist()
 
     def _probe_values(self):
         values = {}
@@ -118,9 +129,9 @@ class Records:
 
     def _probe_fields(self):
         """Return the probe values of every recorded field, name -> (n_probes, k)."""
-        solid, fluid = self._coupling.solid, self._coupling.fluid
+        coupling, fluid = self._coupling, self._coupling.fluid
         wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for probe in self._scene.probe for q in probe.quantities}
-        arrays = {"u": solid.u, "v": solid.v, "vf": fluid.v, "p": fluid.p[:, None]}
+        arrays = {"u": coupling.displacement(), "v": coupling.velocity(), "vf": fluid.v, "p": fluid.p[:, None]}
         if "n_f" in wanted:
-            arrays["n_f"] = self._mesh.halo.extend(self._measures.porosity(solid.accepted_skeleton()))
+            arrays["n_f"] = self._mesh.halo.extend(self._measures.porosity(coupling.accepted_carrier()))
         return {name: self._probes.evaluate(arrays[name]) for name in sorted(wanted)}

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 from .. import __version__
 
-BLOCKS = ("fluid", "solid", "mixture")
+BLOCKS = ("fluid", "solid", "mesh", "mixture")
 
 
 def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, files, exit_code):
@@ -28,7 +28,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
         "dimension": mesh.dim,
         "elements": mesh.n_cells_global,
         "nodes": mesh.n_global,
-        "unknowns": _unknowns(mesh, coupling.fluid),
+        "unknowns": _unknowns(coupling.solid, coupling.fluid),
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
         "steps_rejected": loop.control.rejections if loop.control else 0,
@@ -50,13 +50,14 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
     }
 
 
-def _unknowns(mesh, fluid):
-    n, d = mesh.n_global, mesh.dim
-    return {"displacement": n * d, "fluid_velocity": n * d, "pressure": n, "auxiliary": n * (fluid.components - d - 1)}
+def _unknowns(solid, fluid):
+    d, n = fluid.mesh.dim, fluid.domain.n_nodes
+    auxiliary = n * (fluid.components - d - 1)
+    return {"displacement": solid.domain.n_nodes * d, "fluid_velocity": n * d, "pressure": n, "auxiliary": auxiliary}
 
 
 def _wall_time(comm, stopwatch, solvers):
-    seconds = {name: stopwatch.seconds[name] for name in ("setup", "assembly", "residual", "output")}
+    seconds = {name: stopwatch.seconds[name] for name in ("setup", "assembly", "residual", "mesh", "output")}
     seconds["factorization"] = sum(solver.setup_time for solver in solvers)
     seconds["solve"] = sum(solver.solve_time for solver in solvers)
     seconds["total"] = stopwatch.total
@@ -83,5 +84,6 @@ def _modelled(scene, model):
     terms = [
         name for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh") if getattr(model, name)
     ]
-    terms += [f"{model.porosity} porosity"] + sorted({entry.solid.law for entry in scene.material})
+    terms += [f"{model.porosity} porosity"] if scene.is_porous else []
+    terms += sorted({entry.solid.law for entry in scene.material if entry.solid})
     return terms + [name for name in ("pspg", "supg", "lsic", "undrained") if getattr(scene.stabilization, name)]

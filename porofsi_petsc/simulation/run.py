@@ -16,13 +16,14 @@ from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import write_summary
 from ..stopwatch import Stopwatch
-from .build import build_coupling, local_mesh, porous_materials
+from .build import build_coupling, local_mesh
 from .energy import Energy
 from .loop import StopRequest, TimeLoop
 from .measures import Measures
 from .records import Records
 from .report import summarize
 from .restart import resume
+from .setups import materials_of
 
 
 def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
@@ -37,7 +38,7 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     with stopwatch.measure("setup"):
         mesh = local_mesh(scene, comm)
         coupling = build_coupling(scene, mesh, stopwatch)
-        measures = Measures(scene, coupling.solid.domain, porous_materials(scene, mesh))
+        measures = Measures(scene, coupling, materials_of(scene, mesh))
     prepare(directory, force, restart, comm)
     start_log(directory, comm.rank, quiet)
     try:
@@ -173,7 +174,7 @@ def check(scene):
     """Return a description of what a scene would solve; raises InputError as a run would (collective)."""
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     coupling = build_coupling(scene, mesh, Stopwatch())
-    Measures(scene, coupling.solid.domain, porous_materials(scene, mesh))
+    Measures(scene, coupling, materials_of(scene, mesh))
     Probes(mesh, [(probe.name, probe.at) for probe in scene.probe])
     tags = ", ".join(sorted(mesh.facets))
     unknowns = mesh.n_global * (2 * mesh.dim + 1)

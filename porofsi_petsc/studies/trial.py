@@ -8,10 +8,11 @@ from mpi4py import MPI
 
 from ..errors import PorofsiError
 from ..linalg.options import start
-from ..simulation.build import build_coupling, local_mesh, porous_materials
+from ..simulation.build import build_coupling, local_mesh
 from ..simulation.energy import Energy
 from ..simulation.loop import TimeLoop
 from ..simulation.measures import Measures
+from ..simulation.setups import materials_of
 from ..stopwatch import Stopwatch
 
 
@@ -92,7 +93,7 @@ def _advance(scene, coupling, watcher, stopwatch, outcome):
     """Run the time loop; the outcome is complete up to the last accepted step however the loop ends."""
     domain, energy = coupling.solid.domain, Energy()
     unjudged = scene.model_copy(update={"reference": None})  # a watch compares with the reference, outside of the measured time
-    measures = Measures(unjudged, domain, porous_materials(scene, domain.mesh))
+    measures = Measures(unjudged, coupling, materials_of(scene, domain.mesh))
     with stopwatch.measure("watch"):
         watch = watcher(coupling) if watcher else lambda clock, coupling, energy: None
     watched = _Watched(watch, coupling, energy, stopwatch)

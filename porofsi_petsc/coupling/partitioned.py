@@ -1,0 +1,67 @@
+"""What partitioned schemes share: lagged or new tangents of the phases, an accelerator and what it leaves to the next step."""
+
+import itertools
+
+from .medium import Medium
+
+PATIENCE = 2  # sweeps between two renewals of lagged tangents within a step
+NAMES = ("residual", "image")  # of the vectors that an accelerator reuses
+
+
+class PartitionedMedium(Medium):
+    """Two phases solved in turn; a scheme says what a sweep is, what its accelerated vector and the inner product `_dot` are."""
+
+    advice = 'try a smaller step, another coupling.accelerator ("anderson", "iqn_ils") or more coupling.max_iterations'
+
+    def __init__(self, solid, fluid, comm, tolerance, max_iterations, accelerator, full_newton):
+        """Take the medium, an accelerator made with an inner product, and whether tangents are new in every sweep or lagged."""
+        super().__init__(solid, fluid, comm, tolerance, max_iterations)
+        self._accelerator, self._full_newton = accelerator(self._dot), full_newton
+        self._linear = solid.is_linear and fluid.is_linear
+
+    def _begin(self, t, rates, accepted):
+        self._accelerator.begin_step()
+        self._renewed_at = 0
+        if not self._full_newton:
+            self.fluid.prepare_tangent(rates, self.iterations, accepted)
+            self.solid.prepare_tangent(rates, self.iterations)
+
+    def _renew_tangents(self, iteration, rates):
+        """Renew both tangents at the trial state: in every sweep of full Newton, else where lagged ones are slow or far away."""
+        worn = not (self._linear or self._full_newton) and (self.fluid.strayed(self.carrier()) or self._slow(iteration))
+        if self._full_newton or worn:
+            self.fluid.renew_tangent(rates, self.carrier())
+            self.solid.renew_tangent(rates)
+            self._renewed_at = iteration
+        if worn:
+            self._accelerator.restart()
+
+    def _slow(self, iteration):
+        return iteration - self._renewed_at >= PATIENCE and self.convergence.slow
+
+    # -- what a step leaves to the next ------------------------------------------------------------------------------------
+
+    def reset(self):
+        """Forget the trial states and what the accelerator has learnt, and ask for new tangents."""
+        super().reset()
+        self._accelerator.restart()
+
+    def state(self):
+        """Return the arrays a restart needs, name -> (n_owned, ...), with the vectors that the accelerator reuses."""
+        pairs = [pair for step in self._accelerator.columns() for pair in step]
+        return super().state() | {
+            f"accelerator.{i}.{name}": a for i, pair in enumerate(pairs) for name, a in zip(NAMES, pair, strict=True)
+        }
+
+    def memory(self):
+        """Return the numbers a restart needs beside the arrays."""
+        return super().memory() | {"columns": [len(step) for step in self._accelerator.columns()]}
+
+    def load_state(self, arrays, memory, schemes, rates):
+        """Continue from `state` and `memory`; schemes and rates are those of the next step."""
+        super().load_state(arrays, memory, schemes, rates)
+        number, counts = itertools.count(), memory.get("columns", ())
+        steps = [
+            [tuple(arrays[f"accelerator.{i}.{name}"] for name in NAMES) for i in itertools.islice(number, n)] for n in counts
+        ]
+        self._accelerator.load(steps)

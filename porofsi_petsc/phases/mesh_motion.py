@@ -1,0 +1,159 @@
+"""The motion of a free fluid's mesh: an elastic extension of the solid's displacement, from the reference configuration."""
+
+import numpy as np
+
+from ..errors import ConvergenceError
+from ..fem.domain import Configuration
+from ..kernels import solid as kernel
+from ..stopwatch import timed
+from .transfer import Skeleton
+
+# Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any coupling tolerance.
+TOLERANCE, CAP = 1e-11, 40
+
+
+class MeshMotion:
+    """Solve Div P(∇u) = 0 for the displacement u of the mesh, u = u_s on the interface, prescribed on all other boundaries.
+
+    Always from the reference configuration, so that the mesh is a function of the interface and a period ends where it began.
+    The velocity of the mesh is that of the solid's time scheme: on the interface it is v_s to the last digit.
+    Arrays (n_local, d), ghosts included: `u`, `v`, `a` of the accepted level, `_u1`, `_v1`, `_a1` of the trial level.
+    """
+
+    prefix = "mesh_"
+
+    def __init__(self, setup, with_hessian):
+        """Take a `phases.setup.MeshSetup`; with_hessian : whether the fluid wants second derivatives."""
+        self._setup, self._with_hessian = setup, with_hessian
+        self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
+        shape = (self.mesh.n_local, self.mesh.dim)
+        self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
+        self._reference = Configuration.at(self.domain, self.mesh.X, with_hessian)
+        self._configuration = self._accepted = self._matrix = self.solver = None
+        self._stale, self.assemblies, self.smallest_ratio = True, 0, 1.0
+        volume = self.domain.reference.dV.sum(axis=1)
+        mean = self.domain.sum_owned(volume) / max(self.mesh.comm.allreduce(int(self.domain.owned.sum())), 1)
+        self._stiffness = (mean / volume) ** setup.stiffening
+
+    @property
+    def moves(self):
+        """Return whether the mesh moves at all."""
+        return self._setup.moving_mesh
+
+    def set_initial(self, displacement, velocity):
+        """Set the mesh to a displacement and a velocity of the solid, (n_local, d), on the interface; inside it is at rest."""
+        if self.moves:
+            self.u = self._extended(displacement, self.u, 0.0)
+            self.v = np.where(self._setup.interface[:, None], velocity, 0.0)
+        self.reset()
+
+    def begin_step(self, scheme, t):
+        """Start a step from the accepted level at time t."""
+        self.scheme, self._t_end = scheme, t + scheme.dt
+        self._stale = self._stale or not self._setup.law.small_strain
+
+    def follow(self, displacement):
+        """Let the interface take the solid's displacement at the end of the step, (n_local, d), and the mesh extend it."""
+        if self.moves:
+            self._u1 = self._extended(displacement, self._u1, self._t_end)
+            self._v1, self._a1 = self.scheme.rates(self._u1, self.u, self.v, self.a)
+            self._configuration = None
+
+    # -- what the fluid sees ----------------------------------------------------------------------------------------------
+
+    def skeleton(self):
+        """Return the trial state on the collocation level; raises ConvergenceError when an element is inverted."""
+        level = self.u + self.scheme.alpha_f * (self._u1 - self.u)
+        if self._configuration is None:
+            self._configuration = self._configuration_at(level)
+        return Skeleton(self._configuration, self.scheme.velocity_level(self.v, self._v1), self._v1, level, self.moves)
+
+    def accepted_skeleton(self):
+        """Return the accepted state."""
+        if self._accepted is None:
+            self._accepted = self._configuration_at(self.u)
+        return Skeleton(self._accepted, self.v, self.v, self.u, self.moves)
+
+    def skeleton_at(self, u, v):
+        """Return the state of a displacement and a velocity, both (n_local, d)."""
+        return Skeleton(self._configuration_at(u), v, v, u, self.moves)
+
+    def _configuration_at(self, u):
+        if not self.moves:
+            return self._reference
+        return Configuration.at(self.domain, self.mesh.X + u, self._with_hessian)
+
+    # -- extension --------------------------------------------------------------------------------------------------------
+
+    @timed("mesh")
+    def _extended(self, interface, start, t):
+        """Return the displacement with the values of a field on the interface and those prescribed at time t elsewhere."""
+        setup, u = self._setup, start.copy()
+        setup.dirichlet.apply(u, t)
+        u[setup.interface] = interface[setup.interface]
+        free = ~setup.mask[: self.mesh.n_owned]
+        for _ in range(CAP):
+            if self._stale:
+                self._assemble(u)
+            increment = setup.solve(self.solver, np.where(free, -self._forces(u), 0.0)) * free
+            u += self.mesh.halo.extend(increment)
+            if setup.law.small_strain or self._small(increment, u):
+                return u
+        raise ConvergenceError(f"the motion of the mesh did not converge in {CAP} iterations; try a smaller step")
+
+    def _small(self, increment, u):
+        owned = u[: len(increment)]
+        squares = self.mesh.comm.allreduce(np.array([np.vdot(increment, increment), np.vdot(owned, owned)]))
+        return squares[0] <= TOLERANCE**2 * squares[1]
+
+    def _forces(self, u):
+        """Return the nodal forces of the law, (n_owned, d)."""
+        nodal = self.domain.gather(u)
+        vectors = np.empty(nodal.shape)
+        for chunk, G, dV in self._stiffened():
+            vectors[chunk] = kernel.stress_residual(G, dV, self._setup.law, nodal[chunk])
+        return self.domain.scatter_add(vectors)
+
+    def _assemble(self, u):
+        setup, nodal = self._setup, self.domain.gather(u)
+        if self._matrix is None:
+            self._matrix = setup.new_matrix(self.prefix, self.mesh.dim, setup.mask)
+        values = setup.element_view(self._matrix, self.mesh.dim)
+        for chunk, G, dV in self._stiffened():
+            values[chunk] = kernel.stress_tangent(G, dV, setup.law, nodal[chunk])
+        self._matrix.assemble()
+        self.assemblies, self._stale = self.assemblies + 1, False
+        if self.solver is None:
+            self.solver = setup.new_solver(self._matrix)
+        self.solver.refactor()
+
+    def _stiffened(self):
+        """Yield (chunk, G, dV times the stiffening)."""
+        stiffness = self.domain.reference_stiffness
+        for _, chunk in self.domain.chunks((self.domain.cells.shape[1] * self.mesh.dim) ** 2):
+            yield chunk, stiffness.G[chunk], stiffness.dV[chunk] * self._stiffness[chunk, None]
+
+    # -- end of a step ----------------------------------------------------------------------------------------------------
+
+    def accept(self):
+        """Make the trial state the accepted one; raises ConvergenceError, changing nothing, when an element is inverted."""
+        if self.moves:
+            self._accepted = self._configuration_at(self._u1)
+            self.smallest_ratio = min(self.smallest_ratio, float(self._accepted.J.min(initial=1.0)))
+        self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
+
+    def reset(self):
+        """Forget the trial state."""
+        self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
+        self._configuration = self._accepted = None
+
+    def state(self):
+        """Return every array a restart needs, name -> (n_owned, d)."""
+        n = self.mesh.n_owned
+        return {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]}
+
+    def load_state(self, arrays):
+        """Continue from `state`."""
+        self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
+        self.reset()

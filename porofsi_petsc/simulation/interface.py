@@ -1,0 +1,146 @@
+"""From a scene of solids and free fluids to the two phases, the motion of the mesh and their coupling."""
+
+from ..coupling.accelerators import ACCELERATORS
+from ..coupling.interface import GUARD, InterfaceCoupling
+from ..errors import InputError
+from ..fem.boundary import Dirichlet, SurfaceLoad, tags_of
+from ..fem.domain import Domain
+from ..materials import MESH_MOTION
+from ..phases.fluid import FluidPhase
+from ..phases.mesh_motion import MeshMotion
+from ..phases.setup import FluidSetup, MeshSetup, SolidSetup
+from ..phases.solid import SolidPhase
+from .setups import components, entries, is_direct, materials_of, nodal_field
+
+# What the fluid sees of the solid in a scheme.
+SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
+
+
+def interface_medium(scene, mesh, stopwatch):
+    """Return the coupling of a scene without porous materials in its initial state (collective)."""
+    builder = _Builder(scene, mesh, stopwatch)
+    solid, fluid, motion = SolidPhase(builder.solid()), FluidPhase(builder.fluid()), MeshMotion(builder.motion(), builder.curved)
+    initial, choice = scene.initial, scene.coupling
+    displacement, velocity = (nodal_field(mesh, v) for v in (initial.displacement, initial.solid_velocity))
+    solid.set_initial(displacement, velocity)
+    motion.set_initial(solid.u, solid.v)
+    pressure = initial.pressure(0.0, mesh.X) if initial.pressure else None
+    fluid.set_initial(nodal_field(mesh, initial.fluid_velocity), pressure)
+
+    def accelerator(dot):
+        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARD, choice.reuse_steps)
+
+    medium = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations, accelerator, choice.tangent == "newton"
+    return InterfaceCoupling(*medium, motion=motion, interface=builder.interface, sees=SEES[choice.scheme])
+
+
+class _Builder:
+    """The setups of the phases on their parts of a mesh."""
+
+    def __init__(self, scene, mesh, stopwatch):
+        self.scene, self.mesh = scene, mesh
+        materials = materials_of(scene, mesh)
+        self._fluids = {region: m for region, m in materials.items() if m.is_free_fluid}
+        self._solids = {region: m for region, m in materials.items() if not m.is_free_fluid}
+        self._solid_domain, self._fluid_domain = Domain(mesh, self._solids), Domain(mesh, self._fluids)
+        self._solid_tags, self._fluid_tags = (tags_of(mesh, domain.row_of_cell) for domain in self._domains)
+        self.interface = self._solid_domain.holds & self._fluid_domain.holds
+        self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
+
+    @property
+    def _domains(self):
+        return self._solid_domain, self._fluid_domain
+
+    @property
+    def _moving(self):
+        model = self.scene.model.moving_mesh and self.scene.coupling.scheme != "one_way"
+        return bool(model and self._fluid_domain.n_nodes)
+
+    @property
+    def curved(self):
+        """Return whether the fluid wants second derivatives."""
+        return self.scene.model.viscosity
+
+    def _loads(self, tags):
+        return tuple(
+            SurfaceLoad(self.mesh, tag, components(b.traction))
+            for b in self.scene.boundary
+            for tag in b.on
+            if tag in tags and components(b.traction)
+        )
+
+    def _dirichlet(self, quantity, tags):
+        chosen = [entry for entry in entries(self.scene, quantity) if entry[0] in tags]
+        return Dirichlet(self.mesh, self.mesh.dim, chosen)
+
+    def solid(self):
+        """Return the `SolidSetup`."""
+        return SolidSetup(
+            domain=self._solid_domain,
+            materials=self._solids,
+            body_force=components(self.scene.body_force.solid),
+            inertia=self.scene.model.solid_inertia,
+            moving_mesh=False,
+            dirichlet=self._dirichlet("displacement", self._solid_tags),
+            loads=self._loads(self._solid_tags),
+            with_hessian=False,
+            mass_scaling=None,
+            **self._common,
+        )
+
+    def fluid(self):
+        """Return the `FluidSetup`, its velocity prescribed by the solid on the interface."""
+        scene, mesh, stabilization = self.scene, self.mesh, self.scene.stabilization
+        velocity = self._dirichlet("velocity", self._fluid_tags)
+        self._require_outlet(velocity)
+        return FluidSetup(
+            domain=self._fluid_domain,
+            materials=self._fluids,
+            body_force=components(scene.body_force.fluid),
+            inertia=scene.model.fluid_inertia,
+            moving_mesh=self._moving,
+            velocity=velocity,
+            pressure=Dirichlet(mesh, 1, []),
+            loads=self._loads(self._fluid_tags),
+            fluxes=(),
+            no_slip=self.interface,
+            stress_nodes=self.interface & False,
+            free_surface=None,
+            has_auxiliary=False,
+            convection=scene.model.convection,
+            pspg=stabilization.pspg,
+            supg=stabilization.supg,
+            lsic=stabilization.lsic,
+            undrained=False,
+            **self._common,
+        )
+
+    def _require_outlet(self, velocity):
+        """Raise InputError where every boundary of the fluid has a prescribed velocity: the pressure has no level."""
+        boundary = {tag for tag in self._fluid_tags if any(tag in b.on for b in self.scene.boundary)}
+        held = {(tag, component) for tag, component, _ in entries(self.scene, "velocity")}
+        closed = all((tag, i) in held for tag in boundary for i in range(self.mesh.dim))
+        if boundary and closed:
+            received = "received a prescribed velocity on every boundary of the fluid"
+            advice = "expected one that is open, because else the pressure has no level; leave a component free on one"
+            raise InputError(f"{self.scene.source_path or 'scene'} [[boundary]]: {received}, {advice}")
+
+    def motion(self):
+        """Return the `MeshSetup`: boundaries of the fluid without a prescribed displacement are fixed."""
+        section = self.scene.mesh_motion
+        given = [entry for entry in entries(self.scene, "displacement") if entry[0] in self._fluid_tags]
+        fixed = self._fluid_tags - {tag for tag, _, _ in given}
+        given += [(tag, i, lambda t, x: 0.0) for tag in sorted(fixed) for i in range(self.mesh.dim)]
+        poisson = section.poisson
+        return MeshSetup(
+            domain=self._fluid_domain,
+            materials=self._fluids,
+            body_force={},
+            inertia=False,
+            moving_mesh=self._moving,
+            law=MESH_MOTION[section.law](poisson / (1 - 2 * poisson), 0.5),
+            stiffening=section.stiffening,
+            interface=self.interface,
+            dirichlet=Dirichlet(self.mesh, self.mesh.dim, given),
+            **self._common,
+        )
