@@ -59,6 +59,14 @@ def test_settings_change_cells_and_steps_but_not_the_width_of_a_column():
     assert (finer.coupling.scheme, finer.coupling.tolerance, finer.expect) == ("direct", 1e-4, ())
 
 
+def test_bounds_of_what_is_left_out_do_not_end_a_run():
+    tight = ("limits.mesh_displacement=1e-12", "limits.strain=1e-12")
+    row = work_precision.run_case(Case("terzaghi", (*SHORT, *tight), Setting(1, 0.5, 2.0, 1e-4)), samples.Errors)
+    assert row["failure"] == ""
+    limits = work_precision.base_scene("terzaghi", (*tight, "model.moving_mesh=auto")).limits
+    assert (limits.strain, limits.mesh_displacement) == ("report", 1e-12)
+
+
 def test_a_mesh_file_is_refused():
     with pytest.raises(InputError, match="expected a generated mesh"):
         work_precision.base_scene("pulse2d_gmsh", ())

@@ -4,11 +4,13 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from ..config import load_scene
+from ..config.sections import LIMIT_OF
 from ..errors import InputError
 from ..output.figures import save_figure
 from ..output.files import write_text
 from ..output.study_plots import draw_work_precision
 from .samples import Errors, Samples, quarters, sample_points
+from .soil import REPORT_ALL
 from .table import Table, as_text, markdown, sweep
 from .trial import attempt
 
@@ -73,11 +75,16 @@ class Case:
 
 
 def base_scene(name, changes):
-    """Return the scene with its changes, without its own expectations; raises InputError for a mesh from a file."""
+    """Return the scene with its changes, without its own expectations; raises InputError for a mesh from a file.
+
+    Its bounds only report: u/h grows with the cells, and every run is to have the same model.  An "auto" term keeps its bound.
+    """
     scene = load_scene(name, ("expect=[]", *changes))
     if scene.mesh.kind == "file":
         raise InputError(f"{name} [mesh]: received a mesh file, expected a generated mesh, whose cells a study can multiply")
-    return scene
+    needed = {limit for term, limit in LIMIT_OF.items() if getattr(scene.model, term) == "auto"}
+    reported = {limit: text for limit, text in REPORT_ALL.items() if limit not in needed}
+    return scene.model_copy(update={"limits": scene.limits.model_copy(update=reported)})
 
 
 def wording(row):
