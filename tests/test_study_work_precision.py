@@ -27,7 +27,9 @@ def test_study_of_a_scene_with_an_exact_solution(tmp_path, monkeypatch):
     with (tmp_path / "work_precision_terzaghi.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert {(row["order"], row["scheme"]) for row in rows} >= {("1", "partitioned"), ("2", "partitioned"), ("2", "direct")}
-    assert "**For an error of 0.5" in (tmp_path / "work_precision_terzaghi.md").read_text()
+    text = (tmp_path / "work_precision_terzaghi.md").read_text()
+    assert "**For an error of 0.5" in text
+    assert "--error 0.5 --set time.end=0.005 --set 'reference.times=[0.0025]' --cells 0.5 --steps 2\n" in text
     assert (tmp_path / "work_precision_terzaghi.png").stat().st_size > 0
 
 

@@ -1,5 +1,6 @@
 """Study of work against error: order, mesh, step, coupling tolerance, scheme and accelerator of one scene."""
 
+import shlex
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -122,7 +123,7 @@ def study(name, directory, changes=(), error=1e-2, cells=CELLS, steps=STEPS, ane
         _warm_up(cases[0])
     rows = sweep(table, cases, lambda case: run_case(case, watch), say)
     front = pareto(rows)
-    text = report(scene, changes, rows, front, error, finest(cells, steps))
+    text = report(scene, command(scene, changes, error, cells, steps), rows, front, error, finest(cells, steps))
     write_text(table.path.with_suffix(".md"), text)
     save_figure(table.path.with_suffix(".png"), draw_work_precision, _series(rows), front)
     say(recommendation(rows, error))
@@ -204,7 +205,16 @@ def _series(rows):
     return series
 
 
-def report(scene, changes, rows, front, error, finest):
+def command(scene, changes, error, cells, steps):
+    """Return the command line of a study."""
+    words = ["porofsi", "study", "work-precision", scene.name, "--error", f"{error:g}"]
+    words += [word for text in changes for word in ("--set", text)]
+    for name, factors in (("--cells", cells), ("--steps", steps)):
+        words += [name, ",".join(f"{factor:g}" for factor in factors)]
+    return shlex.join(words)
+
+
+def report(scene, command, rows, front, error, finest):
     """Return the markdown table, the front and the recommendation."""
     header = ["order", "x cells", "x step", "tolerance", "scheme", "accelerator", "steps", "unknowns", "sweeps"]
     header += ["error of u", "error of p", "time [s]"]
@@ -215,7 +225,7 @@ def report(scene, changes, rows, front, error, finest):
     return TEXT.format(
         scene=scene.name,
         title=scene.title,
-        command=" ".join([f"porofsi study work-precision {scene.name}", *(f"--set {text}" for text in changes)]),
+        command=command,
         against=against,
         sentence=recommendation(rows, error),
         front=markdown(header, [[row[column] for column in columns] for row in front]),
@@ -230,9 +240,12 @@ FINEST = """Errors: relative distance from the finest run ({finest}) over up to 
 quarters of the time, linear between steps."""
 TEXT = """# Work against error: {scene}
 
-{title}. Written by `{command}` (do not edit by hand).
+{title}. Do not edit by hand; written by
 
-{against} Cells and steps are factors on those of the scene; an axis of one cell keeps it. Times are wall times of one core with
+    {command}
+
+{against}
+Cells and steps are factors on those of the scene; an axis of one cell keeps it. Times are wall times of one core with
 set-up, without output and comparison.
 
 **{sentence}**
