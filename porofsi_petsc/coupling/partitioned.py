@@ -27,14 +27,16 @@ class PartitionedMedium(Medium):
             self.solid.prepare_tangent(rates, self.iterations)
 
     def _renew_tangents(self, iteration, rates):
-        """Renew both tangents at the trial state: in every sweep of full Newton, else where lagged ones are slow or far away."""
+        """Renew both tangents at the trial state: in every sweep of full Newton, else where lagged ones are slow or far away.
+
+        Return whether lagged ones were renewed, which makes the sweep another map.
+        """
         worn = not (self._linear or self._full_newton) and (self.fluid.strayed(self.carrier()) or self._slow(iteration))
         if self._full_newton or worn:
             self.fluid.renew_tangent(rates, self.carrier())
             self.solid.renew_tangent(rates)
             self._renewed_at = iteration
-        if worn:
-            self._accelerator.restart()
+        return worn
 
     def _slow(self, iteration):
         return iteration - self._renewed_at >= PATIENCE and self.convergence.slow

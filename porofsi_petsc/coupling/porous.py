@@ -26,7 +26,8 @@ class PorousCoupling(PartitionedMedium):
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         """Do one Gauss-Seidel sweep and, from the second on, replace the trial state by the accelerated one."""
-        self._renew_tangents(iteration, rates)
+        if self._renew_tangents(iteration, rates):
+            self._accelerator.restart()
         fluid, solid = self.fluid, self.solid
         before = self._unknowns
         velocity = solid.velocity
