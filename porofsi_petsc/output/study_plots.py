@@ -40,11 +40,11 @@ def draw_work_precision(figure, series, front):
             ax.loglog(x, error, marker, markersize=4, fillstyle="none", label=name)
         ax.set_xlabel(label)
         ax.grid(color="0.9", which="both", linewidth=0.5)
-        for axis in (ax.xaxis, ax.yaxis):
-            _label_logarithms(axis)
     line = [[float(row[key]) for row in front] for key in ("seconds", "error")]
     axes[0].loglog(*line, color="0.3", linewidth=0.8, label="Pareto front", zorder=0)
     axes[0].set_ylabel("relative error")
+    for axis in (axes[0].xaxis, axes[1].xaxis, axes[0].yaxis):
+        _label_logarithms(axis)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
 
 
