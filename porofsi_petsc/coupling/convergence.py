@@ -13,8 +13,8 @@ ROUND_OFF = 1e-13
 EPSILON = 2.2e-16
 # Above this part of the largest force present that round-off would pass for the balance of the fluid (1e-4 at k_f = 1e-14 m/s).
 BLIND = 1e-2
-# A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py), but at
-# large strain a new one is worth it before: with 0.45 Anderson takes up to 13 sweeps in the coupling study, with 0.35 and 0.25 12.
+# A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py),
+# but at large strain a new one is worth it before: Anderson takes up to 13 sweeps in the coupling study with 0.45, 12 with 0.35.
 SLOW, WARM_UP = 0.35, 4
 
 

@@ -57,7 +57,7 @@ class PhaseSetup:
         nodes = self.domain.nodes
         if not self.domain.n_nodes:
             return solution
-        solution[nodes] = solver.solve(rhs[nodes].ravel()).reshape(len(nodes), -1)
+        solution[nodes] = solver.solve(rhs[nodes].ravel()).reshape(len(nodes), rhs.shape[1])
         return solution
 
 
