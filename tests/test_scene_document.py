@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 from porofsi_petsc.config import conditions, geometry, load_scene, material, reference, schema, sections
-from porofsi_petsc.config.types import Formula, Limit, Scaling, Switch, Tags, Vector
+from porofsi_petsc.config.types import Coefficient, Formula, Limit, Scaling, Switch, Tags, Vector
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "scene.md"
 TABLES = {
@@ -45,6 +45,7 @@ TABLES = {
 SPECIAL = {
     Formula: "formula",
     Limit: 'positive number or "report"',
+    Coefficient: 'positive number or "auto"',
     Scaling: 'positive number or "optimal"',
     Switch: 'true, false or "auto"',
     Tags: "text or list",

@@ -125,6 +125,13 @@ class Scene(Table):
         for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
             if getattr(self.model, term) == "auto":
                 raise wrong("received 'auto' without porous materials, expected true or false", f"model.{term}")
+        if self.coupling.interface != "dirichlet_neumann":
+            if self.phases != (True, True):
+                text = "expected a solid and a free fluid, between which it stands; leave it out"
+                raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
+            if self.time.scheme != "generalized_alpha" or not self.model.solid_inertia:
+                text = "expected 'dirichlet_neumann' without inertia of the solid, from which the other conditions are made"
+                raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
         if self.model.porosity != "constant":
             raise wrong(f"received '{self.model.porosity}' without porous materials; leave it out", "model.porosity")
         if self.reference:

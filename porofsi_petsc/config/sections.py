@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict, model_validator
 
-from .types import Count, Flag, Limit, Name, Number, Positive, Scaling, Switch, Table, Tags, Text, list_of, wrong
+from .types import Coefficient, Count, Flag, Limit, Name, Number, Positive, Scaling, Switch, Table, Tags, Text, list_of, wrong
 
 QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
 
@@ -104,6 +104,8 @@ class Coupling(Table):
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["aitken", "none", "constant", "anderson", "iqn_ils", "auto"] = "aitken"
     reuse_steps: Annotated[int, Strict(), Field(ge=0)] = 4
+    interface: Literal["dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "dirichlet_neumann"
+    robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
     tolerance: Annotated[Positive, Field(lt=1)] = 1e-6

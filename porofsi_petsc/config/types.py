@@ -112,6 +112,7 @@ Tags = Annotated[list_of(Tag, shortest=1), BeforeValidator(_one_or_many), AfterV
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 Limit = Annotated[Any, PlainValidator(_positive_or("report"))]
 Scaling = Annotated[Any, PlainValidator(_positive_or("optimal"))]
+Coefficient = Annotated[Any, PlainValidator(_positive_or("auto"))]
 Switch = Annotated[Any, PlainValidator(_switch)]
 Formula = Annotated[Expression, PlainValidator(_expression), PlainSerializer(lambda expression: expression.source)]
 

@@ -1,35 +1,34 @@
-"""Fluid-structure interaction over an interface: Dirichlet-Neumann sweeps, strong, weak or in one direction."""
+"""Fluid-structure interaction over an interface: the medium, and its partitioned and monolithic iterations."""
 
 import numpy as np
 
+from .medium import Medium
+from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium
 
-# Guard of Aitken's factor: the error factors of Dirichlet and Neumann lie anywhere below 0 under a large added mass.
+# Guard of Aitken's factor: under a large added mass the error factors of Dirichlet and Neumann lie anywhere below 0.
 GUARD = (0.02, 1.2)
 
 
-class InterfaceCoupling(PartitionedMedium):
+class InterfaceMedium(Medium):
     """The fluid on a mesh that follows the solid, with its velocity on the interface; the solid under the fluid's force.
 
-    What the fluid sees of the solid makes the scheme: its trial displacement (strong: the converged step is that of the
-    monolithic system), its predicted displacement (weak: staggered, the force comes once) or nothing (one-way).  In each case the
-    step ends when all residuals are small.
-
     The force is the fluid's residual on the nodes of the interface, unconstrained there: no stress is recovered, and what the
-    fluid loses the solid gains to round-off.  The accelerated vector is the displacement of the solid, (n_owned, d); its inner
-    product counts the interface alone, of which all else is a function.
+    fluid loses the solid gains to round-off.
+
+    What the fluid sees of the solid: its trial displacement (strong: the converged step is that of the monolithic system), its
+    predicted one (weak: staggered, the force comes once) or nothing (one-way).  Each step ends when all residuals are small.
     """
 
-    def __init__(self, *medium, motion, interface, sees):
-        """Take what `PartitionedMedium` takes; the `phases.MeshMotion`, the interface's nodes (n_local,) bool, and the scheme.
+    def __init__(self, *medium, motion, interface, sees="trial", **scheme):
+        """Take what the scheme takes; the `phases.MeshMotion`, the interface's nodes (n_local,) bool, and what the fluid sees.
 
         sees : "trial", "predicted" or "nothing"
         """
         self.motion, self._sees = motion, sees
-        super().__init__(*medium)
+        super().__init__(*medium, **scheme)
         self._interface = interface[: self.solid.mesh.n_owned, None]
         self._of_solid = self.solid.domain.holds[:, None]
-        self._both = bool(self.solid.domain.n_nodes and self.fluid.domain.n_nodes)
 
     @property
     def blocks(self):
@@ -62,26 +61,15 @@ class InterfaceCoupling(PartitionedMedium):
         """Return the accepted velocity of solid and mesh, (n_local, d) [m/s]."""
         return np.where(self._of_solid, self.solid.v, self.motion.v)
 
-    # -- one step ---------------------------------------------------------------------------------------------------------
-
     def _begin(self, t, rates, accepted):
         self.motion.begin_step(self.solid.scheme, t)
         self.motion.follow(self.solid.end_displacement)
         super()._begin(t, rates, accepted)
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
-        """Do one Newton step of the fluid, one of the solid under the new force, and accelerate the solid's displacement."""
-        self._renew_tangents(iteration, rates)
-        before = self.solid.unknowns.copy()
-        self.fluid.correct(fluid_residuals)
-        solid_residual = self.solid.residual(self.flow(self.fluid.residual(self.carrier())))
-        self.solid.correct(solid_residual.total)
-        if self._sees == "trial" and self._both:
-            self.solid.unknowns = self._accelerator.next(before, self.solid.unknowns.copy())
+        super()._iterate(iteration, solid_residual, fluid_residuals, rates)
+        if self._sees == "trial":
             self.motion.follow(self.solid.end_displacement)
-
-    def _dot(self, a, b):
-        return self.dot(a * self._interface, b)
 
     def accept(self):
         """Make the trial states the accepted ones, the mesh where the solid is."""
@@ -103,3 +91,45 @@ class InterfaceCoupling(PartitionedMedium):
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
         self.motion.load_state({name.removeprefix("mesh."): a for name, a in arrays.items() if name.startswith("mesh.")})
         super().load_state(arrays, memory, schemes, rates)
+
+
+class _Sweep(PartitionedMedium):
+    """One Newton step of the fluid, one of the solid under the new force, and an accelerated displacement of the solid.
+
+    Conditions, with the mass M of the interface:  fluid  R_f + R_s + α_f M (v_f - v_s) = 0,  solid  R_s + R_f + α_s M (v_s - v_f)
+    = 0.  An infinite α is a Dirichlet, a vanishing one a Neumann condition.  Between two sweeps v_f takes the value of v_s, so
+    that the residuals that end the step are those of the monolithic system whatever the conditions are.
+
+    The accelerated vector is (n_owned, d); its inner product counts the interface alone, of which all else is a function.
+    """
+
+    def __init__(self, *medium, conditions):
+        """Take what `PartitionedMedium` takes and the `coupling.robin.Conditions`."""
+        super().__init__(*medium)
+        self._conditions = conditions
+        self._both = bool(self.solid.domain.n_nodes and self.fluid.domain.n_nodes)
+
+    def _begin(self, t, rates, accepted):
+        self._conditions.prepare(self.fluid, self.solid, rates)
+        super()._begin(t, rates, accepted)
+
+    def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
+        self._renew_tangents(iteration, rates)
+        before = self.solid.unknowns.copy()
+        self.fluid.correct(fluid_residuals, solid_residual.unconstrained - solid_residual.terms["interface"])
+        extra = self._conditions.pull(self.fluid, self.solid)
+        solid_residual = self.solid.residual(self.flow(self.fluid.residual(self.carrier())))
+        self.solid.correct(solid_residual.total + extra)
+        if self._sees == "trial" and self._both:
+            self.solid.unknowns = self._accelerator.next(before, self.solid.unknowns.copy())
+
+    def _dot(self, a, b):
+        return self.dot(a * self._interface, b)
+
+
+class InterfaceCoupling(InterfaceMedium, _Sweep):
+    """The partitioned iteration: Dirichlet-Neumann, Robin-Neumann, Robin-Robin or Neumann-Dirichlet, strong, weak or one-way."""
+
+
+class InterfaceMonolithic(InterfaceMedium, MonolithicCoupling):
+    """Newton's iteration for solid, fluid and (direct) mesh together."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..elements.quadrature import quadrature
 from ..elements.simplex import FACET, barycentric
-from ..kernels.surface import facet_normal, surface_load, weak_zero
+from ..kernels.surface import facet_normal, surface_load, surface_mass, weak_zero
+from ..mesh.topology import cell_facets, locate_facets
 from ..tensors import inverse
 from .geometry import Rule
 
@@ -106,6 +107,51 @@ def _trace(domain, rows, nodes):
     jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ dN
     normal = facet_normal(facet.gradient(points), weights, coordinates[:, list(nodes)])
     return element.shape(xi), dN @ inverse(jacobian)[0], normal
+
+
+@dataclass(frozen=True)
+class InterfaceMass:
+    """The mass of the facets that a domain shares with another: rows (F,) of its elements, terms (F, A, A) = ∮ N_a N_b dA.
+
+    area : on all ranks [m^(d-1)]
+    """
+
+    rows: np.ndarray
+    terms: np.ndarray
+    area: float
+
+    @classmethod
+    def between(cls, domain, other):
+        """Return that of a `Domain` with another one on the same mesh, in the reference configuration (collective)."""
+        element, facet = domain.element, FACET[domain.element.name]
+        facets = cell_facets(domain.cells, element)
+        rows, local = np.nonzero((domain.holds & other.holds)[facets[:, :, : element.dim]].all(axis=2))
+        shared = (
+            locate_facets(facets[rows, local], other.cells, element)[0] >= 0 if len(other.cells) else np.zeros(len(rows), bool)
+        )
+        rows, local = rows[shared], local[shared]
+        rule, terms = Rule.of(facet, 2 * element.order), np.zeros((len(rows), element.nodes, element.nodes))
+        areas = np.zeros(len(rows))
+        for number, nodes in enumerate(element.facets):
+            here = np.flatnonzero(local == number)
+            coordinates = domain.mesh.X[facets[rows[here], number]]
+            dA = np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1)
+            areas[here] = dA.sum(axis=1)
+            terms[np.ix_(here, nodes, nodes)] = surface_mass(rule.N, dA, np.ones((len(here), 1)))
+        area = domain.mesh.comm.allreduce(float(areas[domain.owned[rows]].sum()))
+        return cls(rows, terms, area)
+
+    def add_to(self, values, alpha, chunk, dim):
+        """Add α times the terms to the components i < dim of the tangents (E, A, m, A, m) of a slice of the elements."""
+        here = (self.rows >= chunk.start) & (self.rows < chunk.stop)
+        for i in range(dim):
+            np.add.at(values[:, :, i, :, i], self.rows[here] - chunk.start, alpha * self.terms[here])
+
+    def times(self, domain, field):
+        """Return ∮ N_a field dA on the owned nodes, (n_owned, d), of nodal values (n_local, d)."""
+        vectors = np.zeros((*domain.cells.shape, field.shape[1]))
+        np.add.at(vectors, self.rows, self.terms @ field[domain.cells[self.rows]])
+        return domain.scatter_add(vectors)
 
 
 def tags_of(mesh, row_of_cell):

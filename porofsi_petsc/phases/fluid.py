@@ -39,6 +39,7 @@ class FluidPhase:
         self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = None
         self._parameters = StabilizationParameters(setup)
+        self.robin_coefficient = 0.0  # α of a Robin condition [Pa s/m]
         self.assemblies = 0
         self.reset()
 
@@ -253,10 +254,17 @@ class FluidPhase:
         """Ask for a new tangent at the start of the next step."""
         self._rule.forget()
 
-    def correct(self, residuals):
-        """Solve H δ = -residual and add δ to the trial state: one Newton step of the block."""
+    def correct(self, residuals, counterforce=None):
+        """Solve H δ = -residual and add δ to the trial state: one Newton step of the block.
+
+        counterforce : (n_owned, d) [N] what the solid's residual adds to that of an interface with a Robin condition
+        """
         momentum, volume = residuals
-        self.add(self.solve(-np.column_stack([momentum.total, volume.total])))
+        force = momentum.total
+        if self._setup.robin is not None:
+            released = (self._setup.mask & ~self._setup.solver_mask)[: len(force), : force.shape[1]]
+            force = force + np.where(released, momentum.unconstrained + counterforce, 0.0)
+        self.add(self.solve(-np.column_stack([force, volume.total])))
 
     def solve(self, rhs):
         """Return δ with H δ = rhs, both (n_owned, d + 1): [N] and [m³/s] to [m/s] and [Pa] on the collocation level."""
@@ -264,7 +272,7 @@ class FluidPhase:
         padded = np.zeros((n, self.components))
         padded[:, : d + 1] = rhs
         increment = self._setup.solve(self._solver, padded)
-        return np.where(self._setup.mask[:n], 0.0, increment)[:, : d + 1]  # see `SolidPhase.solve`
+        return np.where(self._setup.solver_mask[:n], 0.0, increment)[:, : d + 1]  # see `SolidPhase.solve`
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d + 1), to the trial state."""
@@ -276,9 +284,11 @@ class FluidPhase:
         if not self.domain.n_nodes:
             return
         if self._matrix is None:
-            self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.mask)
+            self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.solver_mask)
         values = self._setup.element_view(self._matrix, self.components)
         for chunk, K in self._element_tangents(skeleton, rates, fields, self._setup.split, self.components):
+            if self._setup.robin is not None:
+                self._setup.robin.add_to(K, self.robin_coefficient, chunk, self.mesh.dim)
             values[chunk] = K
         self._matrix.assemble()
         self._tangent_J = skeleton.configuration.J
@@ -308,6 +318,13 @@ class FluidPhase:
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
             yield chunk, exchange.flow_by_skeleton(elements, _part(fields, chunk), rates.c_v, moving)
+
+    def mesh_tangents(self, rates, skeleton):
+        """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by its mesh) of the trial state."""
+        fields = self._trial_fields(skeleton)
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            elements, part = self._elements(region, chunk, skeleton.configuration), _part(fields, chunk)
+            yield chunk, shape.flow_by_geometry(elements, part, None) + exchange.flow_by_mesh_velocity(elements, part, rates.c_v)
 
     def shape_tangents(self, skeleton):
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the moving mesh's geometry) of the trial state."""

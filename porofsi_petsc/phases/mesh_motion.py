@@ -115,13 +115,22 @@ class MeshMotion:
             vectors[chunk] = kernel.stress_residual(G, dV, self._setup.law, nodal[chunk])
         return self.domain.scatter_add(vectors)
 
+    def tangents(self):
+        """Yield (chunk, tangent (E, A, d, A, d)) of the law in the trial state."""
+        return self._element_tangents(self._u1)
+
+    def _element_tangents(self, u):
+        nodal = self.domain.gather(u)
+        for chunk, G, dV in self._stiffened():
+            yield chunk, kernel.stress_tangent(G, dV, self._setup.law, nodal[chunk])
+
     def _assemble(self, u):
-        setup, nodal = self._setup, self.domain.gather(u)
+        setup = self._setup
         if self._matrix is None:
             self._matrix = setup.new_matrix(self.prefix, self.mesh.dim, setup.mask)
         values = setup.element_view(self._matrix, self.mesh.dim)
-        for chunk, G, dV in self._stiffened():
-            values[chunk] = kernel.stress_tangent(G, dV, setup.law, nodal[chunk])
+        for chunk, K in self._element_tangents(u):
+            values[chunk] = K
         self._matrix.assemble()
         self.assemblies, self._stale = self.assemblies + 1, False
         if self.solver is None:

@@ -1,11 +1,11 @@
 """What a phase is made of: domain, materials, boundary data, terms of the model, and how its matrix and its KSP are made."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ..fem.boundary import Dirichlet
+from ..fem.boundary import Dirichlet, InterfaceMass
 from ..fem.domain import Domain
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import CooMatrix
@@ -51,6 +51,10 @@ class PhaseSetup:
         constrained = mask[cells].reshape(dofs.shape)
         return CooMatrix(domain.mesh.comm, len(domain.nodes) * components, dofs, owned, constrained, components, prefix)
 
+    def on(self, domain):
+        """Return the same setup on another domain of the mesh."""
+        return replace(self, domain=domain)
+
     def solve(self, solver, rhs):
         """Return the solution on the owned nodes for a right side, both (n_owned, m); zero outside of the domain (collective)."""
         solution = np.zeros(rhs.shape)
@@ -66,12 +70,21 @@ class SolidSetup(PhaseSetup):
     """The skeleton: essential displacement and surface tractions of the mixture [Pa].
 
     mass_scaling : factor of the mass in the tangent of the split "scaled", or "optimal"
+    robin : of an interface on which α v_s is added to the traction; told : (n_local,) bool, nodes to which an interface tells
+    their velocity
     """
 
     dirichlet: Dirichlet
     loads: tuple
     with_hessian: bool
     mass_scaling: float | str | None
+    robin: InterfaceMass | None = None
+    told: np.ndarray | None = None
+
+    @cached_property
+    def mask(self):
+        """Return where the displacement is no unknown of the solver, (n_local, d) bool."""
+        return self.dirichlet.mask if self.told is None else self.dirichlet.mask | self.told[:, None]
 
     def new_solver(self, matrix):
         """Return the KSP of the block; its matrix is symmetric positive definite up to the state's geometric stiffness."""
@@ -114,7 +127,8 @@ class FluidSetup(PhaseSetup):
 
     no_slip : (n_local,) bool, nodes with v_f = v_s; stress_nodes : (n_local,) bool, nodes where the pressure and the total
     stress are prescribed and so the auxiliary field s is known; free_surface : elements (F,) and terms (F, A, A) of the
-    surfaces whose normal displacement is free while no pressure is prescribed, where s vanishes weakly
+    surfaces whose normal displacement is free while no pressure is prescribed, where s vanishes weakly;
+    robin : of an interface on which α v_f is added to the traction: its nodes are without slip at the end of a sweep only
     """
 
     velocity: Dirichlet
@@ -130,6 +144,7 @@ class FluidSetup(PhaseSetup):
     supg: bool
     lsic: bool
     undrained: bool
+    robin: InterfaceMass | None = None
 
     @property
     def viscous(self):
@@ -147,6 +162,15 @@ class FluidSetup(PhaseSetup):
         velocity = self.velocity.mask | self.no_slip[:, None]
         auxiliary = [self.stress_nodes] if self.has_auxiliary else []
         return np.column_stack([velocity, self.pressure.mask, *auxiliary])
+
+    @cached_property
+    def solver_mask(self):
+        """Return `mask` as the solver sees it: with a Robin condition the velocity of the interface is unknown."""
+        if self.robin is None:
+            return self.mask
+        mask = self.mask.copy()
+        mask[:, : self.domain.dim] = self.velocity.mask
+        return mask
 
     def velocity_free(self, owned):
         """Return a copy of (n_owned, d) whose prescribed rows, walls included, are zero."""

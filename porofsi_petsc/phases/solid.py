@@ -32,7 +32,7 @@ class SolidPhase:
         self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = self._configuration = self._own = self._accepted_configuration = None
         self._reference = Configuration.at(self.domain, self.mesh.X, setup.with_hessian)
-        self.assemblies = 0
+        self.assemblies, self.robin_coefficient = 0, 0.0  # α of a Robin condition [Pa s/m]
 
     @property
     def is_linear(self):
@@ -191,7 +191,15 @@ class SolidPhase:
     def solve(self, rhs):
         """Return δ with H δ = rhs, both (n_owned, d): [N] to [m] on the collocation level."""
         increment = self._setup.solve(self._solver, rhs)
-        return self._setup.dirichlet.free(increment)  # multigrid moves prescribed nodes within its tolerance
+        return np.where(
+            self._setup.mask[: len(increment)], 0.0, increment
+        )  # multigrid moves prescribed nodes within its tolerance
+
+    def take_velocity(self, gap):
+        """Move the nodes that are told their velocity so that a gap v_s - v on the collocation level, (n_local, d), closes."""
+        n, setup = self.mesh.n_owned, self._setup
+        shift = np.where(setup.told[:, None] & ~setup.dirichlet.mask, -gap, 0.0)[:n]
+        self.add(shift / self.scheme.c_v)
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d), to the trial state."""
@@ -202,9 +210,11 @@ class SolidPhase:
         if not self.domain.n_nodes:
             return
         if self._matrix is None:
-            self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.dirichlet.mask)
+            self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.mask)
         values = self._setup.element_view(self._matrix, self.mesh.dim)
         for chunk, K in self._element_tangents(u, configuration, rates, self._setup.split):
+            if self._setup.robin is not None:
+                self._setup.robin.add_to(K, self.robin_coefficient * rates.c_v, chunk, self.mesh.dim)
             values[chunk] = K
         self._matrix.assemble()
         self.assemblies += 1

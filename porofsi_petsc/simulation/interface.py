@@ -1,16 +1,20 @@
 """From a scene of solids and free fluids to the two phases, the motion of the mesh and their coupling."""
 
+import numpy as np
+
 from ..coupling.accelerators import ACCELERATORS
-from ..coupling.interface import GUARD, InterfaceCoupling
+from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
+from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
-from ..fem.boundary import Dirichlet, SurfaceLoad, tags_of
+from ..fem.boundary import Dirichlet, InterfaceMass, SurfaceLoad, tags_of
 from ..fem.domain import Domain
 from ..materials import MESH_MOTION
 from ..phases.fluid import FluidPhase
+from ..phases.interface_mixture import InterfaceMixture
 from ..phases.mesh_motion import MeshMotion
 from ..phases.setup import FluidSetup, MeshSetup, SolidSetup
 from ..phases.solid import SolidPhase
-from .setups import components, entries, is_direct, materials_of, nodal_field
+from .setups import MONOLITHIC, components, entries, is_direct, materials_of, nodal_field
 
 # What the fluid sees of the solid in a scheme.
 SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
@@ -19,7 +23,8 @@ SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
 def interface_medium(scene, mesh, stopwatch):
     """Return the coupling of a scene without porous materials in its initial state (collective)."""
     builder = _Builder(scene, mesh, stopwatch)
-    solid, fluid, motion = SolidPhase(builder.solid()), FluidPhase(builder.fluid()), MeshMotion(builder.motion(), builder.curved)
+    setups = builder.solid(), builder.fluid(), builder.motion()
+    solid, fluid, motion = SolidPhase(setups[0]), FluidPhase(setups[1]), MeshMotion(setups[2], scene.model.viscosity)
     initial, choice = scene.initial, scene.coupling
     displacement, velocity = (nodal_field(mesh, v) for v in (initial.displacement, initial.solid_velocity))
     solid.set_initial(displacement, velocity)
@@ -30,8 +35,13 @@ def interface_medium(scene, mesh, stopwatch):
     def accelerator(dot):
         return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARD, choice.reuse_steps)
 
-    medium = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations, accelerator, choice.tangent == "newton"
-    return InterfaceCoupling(*medium, motion=motion, interface=builder.interface, sees=SEES[choice.scheme])
+    medium = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
+    both = {"motion": motion, "interface": builder.interface}
+    if choice.scheme in MONOLITHIC:
+        mixture = InterfaceMixture(solid, fluid, motion, setups, builder.interface, choice.scheme == "direct")
+        return InterfaceMonolithic(*medium, mixture, **both)
+    medium = *medium, accelerator, choice.tangent == "newton"
+    return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=builder.conditions(), **both)
 
 
 class _Builder:
@@ -39,12 +49,15 @@ class _Builder:
 
     def __init__(self, scene, mesh, stopwatch):
         self.scene, self.mesh = scene, mesh
-        materials = materials_of(scene, mesh)
+        self._materials = materials = materials_of(scene, mesh)
         self._fluids = {region: m for region, m in materials.items() if m.is_free_fluid}
         self._solids = {region: m for region, m in materials.items() if not m.is_free_fluid}
         self._solid_domain, self._fluid_domain = Domain(mesh, self._solids), Domain(mesh, self._fluids)
         self._solid_tags, self._fluid_tags = (tags_of(mesh, domain.row_of_cell) for domain in self._domains)
         self.interface = self._solid_domain.holds & self._fluid_domain.holds
+        choice = scene.coupling
+        self._pair = "dirichlet_neumann" if choice.scheme in MONOLITHIC else choice.interface
+        self._masses = InterfaceMass.between(*self._domains[::-1]), InterfaceMass.between(*self._domains)
         self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
 
     @property
@@ -55,11 +68,6 @@ class _Builder:
     def _moving(self):
         model = self.scene.model.moving_mesh and self.scene.coupling.scheme != "one_way"
         return bool(model and self._fluid_domain.n_nodes)
-
-    @property
-    def curved(self):
-        """Return whether the fluid wants second derivatives."""
-        return self.scene.model.viscosity
 
     def _loads(self, tags):
         return tuple(
@@ -85,6 +93,8 @@ class _Builder:
             loads=self._loads(self._solid_tags),
             with_hessian=False,
             mass_scaling=None,
+            robin=self._masses[1] if self._pair == "robin_robin" else None,
+            told=self.interface if self._pair == "neumann_dirichlet" else None,
             **self._common,
         )
 
@@ -112,8 +122,30 @@ class _Builder:
             supg=stabilization.supg,
             lsic=stabilization.lsic,
             undrained=False,
+            robin=None if self._pair == "dirichlet_neumann" else self._masses[0],
             **self._common,
         )
+
+    def conditions(self):
+        """Return the `coupling.robin.Conditions` of the interface."""
+        choice = self.scene.coupling
+        if self._pair == "dirichlet_neumann":
+            return Conditions(self._pair, None, choice.robin, self._masses)
+        mesh, mass, power = self.mesh, self._masses[0], 1 / (self.mesh.dim - 1)
+        volume, modulus, rho_s = self._means(self._solid_domain, lambda m: (m.elastic.oedometer_modulus, m.rho_s))
+        _, rho_f = self._means(self._fluid_domain, lambda m: (m.rho_fR,))
+        facets = mesh.comm.allreduce(int(self._fluid_domain.owned[mass.rows].sum()))
+        interface = Interface(modulus, rho_s, rho_f, volume / mass.area, mass.area**power, (mass.area / facets) ** power)
+        return Conditions(self._pair, interface, choice.robin, self._masses)
+
+    def _means(self, domain, properties):
+        """Return the volume of a domain and the means over it of what properties(material) gives (collective)."""
+        sums = np.zeros(1)
+        for region, span in domain.region_slices.items():
+            values = np.array([1.0, *properties(self._materials[region])])
+            sums = sums + values * domain.reference.dV[span][domain.owned[span]].sum()
+        sums = self.mesh.comm.allreduce(sums)
+        return sums[0], *(sums[1:] / sums[0])
 
     def _require_outlet(self, velocity):
         """Raise InputError where every boundary of the fluid has a prescribed velocity: the pressure has no level."""
