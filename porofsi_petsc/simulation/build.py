@@ -10,6 +10,7 @@ from ..linalg.partition import partition
 from ..mesh.check import boundary_tags, require_every_tag, require_regions, require_tags
 from ..mesh.generate import box, rectangle
 from ..mesh.graph import node_graph
+from ..mesh.interface import INTERFACE, with_interface
 from ..mesh.read import read_mesh
 from ..output.files import on_root
 from ..phases.fluid import FluidPhase
@@ -31,14 +32,23 @@ def serial_mesh(scene):
         mesh = rectangle(section.x, section.y, section.order, section.diagonal, section.patches, section.regions)
     else:
         mesh = box(section.x, section.y, section.z, section.order, section.patches, section.regions)
-    for i, boundary in enumerate(scene.boundary):
-        require_tags(mesh, boundary.on, f"{where} [boundary.{i}.on]")
-    require_every_tag(boundary_tags(mesh), [tag for boundary in scene.boundary for tag in boundary.on], where)
     for i, material in enumerate(scene.material):
         if material.region != ("all",):
             require_regions(mesh, material.region, f"{where} [material.{i}.region]")
     _require_materials(mesh, scene, where)
+    if INTERFACE not in mesh.facets:
+        mesh = with_interface(mesh, {region for region, kind in _kinds(scene, mesh) if kind == "fluid"})
+    for i, boundary in enumerate(scene.boundary):
+        require_tags(mesh, boundary.on, f"{where} [boundary.{i}.on]")
+    require_every_tag(boundary_tags(mesh), [tag for boundary in scene.boundary for tag in boundary.on], where)
     return mesh
+
+
+def _kinds(scene, mesh):
+    """Yield (region, kind of its material)."""
+    for entry in scene.material:
+        for region in mesh.regions if entry.region == ("all",) else entry.region:
+            yield region, entry.kind
 
 
 def _require_materials(mesh, scene, where):

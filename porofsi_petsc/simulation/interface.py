@@ -102,7 +102,8 @@ class _Builder:
         """Return the `FluidSetup`, its velocity prescribed by the solid on the interface."""
         scene, mesh, stabilization = self.scene, self.mesh, self.scene.stabilization
         velocity = self._dirichlet("velocity", self._fluid_tags)
-        self._require_outlet(velocity)
+        if self._pair == "dirichlet_neumann" and scene.coupling.scheme not in MONOLITHIC:
+            self._require_outlet()
         return FluidSetup(
             domain=self._fluid_domain,
             materials=self._fluids,
@@ -147,14 +148,19 @@ class _Builder:
         sums = self.mesh.comm.allreduce(sums)
         return sums[0], *(sums[1:] / sums[0])
 
-    def _require_outlet(self, velocity):
-        """Raise InputError where every boundary of the fluid has a prescribed velocity: the pressure has no level."""
+    def _require_outlet(self):
+        """Raise InputError where every boundary of the fluid has a prescribed velocity: the pressure has no level.
+
+        A solid that yields to the pressure gives it one, but not where the fluid is told the velocity of the interface.
+        """
         boundary = {tag for tag in self._fluid_tags if any(tag in b.on for b in self.scene.boundary)}
         held = {(tag, component) for tag, component, _ in entries(self.scene, "velocity")}
         closed = all((tag, i) in held for tag in boundary for i in range(self.mesh.dim))
         if boundary and closed:
             received = "received a prescribed velocity on every boundary of the fluid"
-            advice = "expected one that is open, because else the pressure has no level; leave a component free on one"
+            advice = "expected an open one, because else the pressure has no level; leave a component free on one"
+            if self._solid_domain.n_nodes:
+                advice += ', or take coupling.interface = "robin_neumann" or coupling.scheme = "direct"'
             raise InputError(f"{self.scene.source_path or 'scene'} [[boundary]]: {received}, {advice}")
 
     def motion(self):

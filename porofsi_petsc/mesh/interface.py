@@ -1,0 +1,22 @@
+"""The surface between two kinds of regions as a tag of the mesh."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .topology import cell_facets, facet_multiplicity
+
+INTERFACE = "interface"
+
+
+def with_interface(mesh, regions):
+    """Return the mesh with the tag "interface" on the facets between the given regions and all others, if there are any.
+
+    Orientation: outward from the given regions.
+    """
+    inside = np.isin(mesh.cell_region, [mesh.regions.index(name) for name in regions])
+    inner = (facet_multiplicity(mesh.cells, mesh.element) == 2)[inside]
+    shared = inner & (facet_multiplicity(mesh.cells[inside], mesh.element) == 1) if inside.any() else inner
+    if not shared.any():
+        return mesh
+    return replace(mesh, facets=mesh.facets | {INTERFACE: cell_facets(mesh.cells[inside], mesh.element)[shared]})
