@@ -56,5 +56,5 @@ def flow_chunk(element, rng, mu, convection):
 def free_chunk(element, rng, mu, convection):
     """Return elements and fields of `flow_chunk` for a free fluid; what it must not read is NaN or None."""
     elements, fields = flow_chunk(element, rng, mu, convection)
-    free = dict(n=np.ones_like(elements.n), S=np.full_like(elements.S, np.nan), tau_u=None, grad_n=None, free=True)
+    free = dict(n=np.ones_like(elements.n), S=None, tau_u=None, grad_n=None, free=True)
     return replace(elements, **free), {**fields, "v_s": None}

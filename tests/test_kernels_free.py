@@ -43,6 +43,25 @@ def test_flow_tangent_is_the_derivative(name, mu, convection):
 
 @pytest.mark.parametrize("convection", [False, True])
 @pytest.mark.parametrize("name", ELEMENTS)
+def test_tangents_of_a_flow_through_a_solid_are_the_derivatives(name, convection):
+    """With the drag of a porous solid: by (v, p), and by the solid's positions through v_s alone."""
+    rng = np.random.default_rng(16)
+    el, z = free_chunk(ELEMENTS[name], rng, 0.7, convection)
+    el, v_s, d, c_v = replace(el, S=el.rho + 1.0), rng.standard_normal(z["v"].shape), el.geometry.G.shape[-1], 2.3
+
+    def fields(vp, y=0.0):
+        v = vp[..., :d]
+        return flow.FlowFields(v, z["a"], v - z["v_m"], v_s + c_v * y, vp[..., d], None, z["b"])
+
+    vp, y = np.concatenate([z["v"], z["p"][..., None]], axis=-1), np.zeros_like(v_s)
+    exact = flow.flow_tangent(el, fields(vp), 0.0, d + 1).reshape(len(vp), vp[0].size, -1)
+    assert relative(exact, central_difference(lambda vp: joined(el, fields(vp)), vp)) < FD_TOLERANCE
+    exact = exchange.flow_by_drag(el, fields(vp), c_v).reshape(len(y), -1, y[0].size)
+    assert relative(exact, central_difference(lambda y: joined(el, fields(vp, y)), y)) < FD_TOLERANCE
+
+
+@pytest.mark.parametrize("convection", [False, True])
+@pytest.mark.parametrize("name", ELEMENTS)
 def test_mesh_velocity_tangent_is_the_derivative(name, convection):
     rng = np.random.default_rng(15)
     el, z = free_chunk(ELEMENTS[name], rng, 0.7, convection)
@@ -102,7 +121,7 @@ class Patch:
         second = SecondDerivatives.at(element, self.x[self.cells], current, None) if element.order == 2 else None
         random = lambda: 0.5 + rng.random(points)  # noqa: E731
         self.el = flow.FlowElements(
-            N=rule.N, geometry=current, n=np.ones(points), rho=np.full(points, rho), S=np.zeros(points), mu=mu, tau=random(),
+            N=rule.N, geometry=current, n=np.ones(points), rho=np.full(points, rho), S=None, mu=mu, tau=random(),
             tau_supg=random(), nu_lsic=random(), tau_u=None, second=second, grad_n=None, convection=True, order=element.order,
             free=True,
         )  # fmt: skip
@@ -137,7 +156,7 @@ def test_free_form_is_the_porous_one_without_skeleton_where_boundary_integrals_v
     no_skeleton = np.zeros((*patch.el.n.shape, patch.element.dim))
     grad_n = None if patch.el.second is None else no_skeleton
     free = patch.residual(patch.el, v, p[:, 0], a)
-    porous = patch.residual(replace(patch.el, free=False, grad_n=grad_n), v, p[:, 0], a)
+    porous = patch.residual(replace(patch.el, free=False, S=np.zeros_like(patch.el.n), grad_n=grad_n), v, p[:, 0], a)
     assert np.abs(free[:, -1]).max() > 1e-3  # there is something to compare
     assert relative(free, porous) < 1e-13
 

@@ -123,9 +123,9 @@ def check_materials(materials, brinkman):
             key = f"material.{i}.fluid.viscosity"
             raise wrong("received nothing, expected a number [Pa s], which model.viscosity needs", key)
     kinds = {material.kind for material in materials}
-    if "porous" in kinds and len(kinds) > 1:
-        other = next(i for i, material in enumerate(materials) if material.kind != "porous")
-        text = f"received a {materials[other].kind} beside a porous material, expected porous materials only, or none"
+    if kinds == {"porous", "solid"}:
+        other = next(i for i, material in enumerate(materials) if material.kind == "solid")
+        text = "received a solid without pores beside porous materials, expected a free fluid too, or none of the two"
         raise wrong(text, f"material.{other}")
     if "all" in owner and len(owner) > 1:
         raise wrong("received 'all' beside other regions, expected 'all' alone", f"material.{owner['all']}.region")

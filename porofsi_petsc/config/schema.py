@@ -78,8 +78,8 @@ class Scene(Table):
 
     @property
     def is_porous(self):
-        """Return whether the materials are porous media; else they are solids and free fluids."""
-        return self.material[0].kind == "porous"
+        """Return whether all materials are porous media; else there are free fluids or solids without pores."""
+        return all(material.kind == "porous" for material in self.material)
 
     @property
     def source_path(self):
@@ -125,6 +125,8 @@ class Scene(Table):
         for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
             if getattr(self.model, term) == "auto":
                 raise wrong("received 'auto' without porous materials, expected true or false", f"model.{term}")
+        if any(material.kind == "porous" for material in self.material):
+            self._check_pores_beside_fluid()
         if self.coupling.interface != "dirichlet_neumann":
             if self.phases != (True, True):
                 text = "expected a solid and a free fluid, between which it stands; leave it out"
@@ -141,6 +143,16 @@ class Scene(Table):
                 if getattr(boundary, name) is not None:
                     advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
                     raise wrong(f"received one without porous materials; {advice}", f"boundary.{i}.{name}")
+
+    def _check_pores_beside_fluid(self):
+        """Refuse what a porous solid that a free fluid flows through does not have."""
+        if self.coupling.scheme not in ("quasi_direct", "direct"):
+            text = "with a porous material beside a free fluid, expected 'quasi_direct' or 'direct'"
+            raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
+        for i, material in enumerate(self.material):
+            if material.kind == "porous" and material.permeability.law != "constant":
+                text = f"received '{material.permeability.law}' beside a free fluid, expected 'constant'"
+                raise wrong(text, f"material.{i}.permeability.law")
 
     def _check_auto(self):
         for term, limit in LIMIT_OF.items():

@@ -34,6 +34,22 @@ def flow_by_skeleton(el, f, c_v, moving_mesh):
     return c_v * K
 
 
+def flow_by_drag(el, f, c_v):
+    """Return the derivative of a free fluid's residuals by the positions of a skeleton that it flows through, by the drag alone.
+
+    (E, A, d + 1, A, d): rows v_f and p, columns y [N/m and m²/s].
+    """
+    x = flow_points(el, f)
+    E, _, A, d = el.geometry.G.shape
+    G = broadcast_gradient(el.geometry.G, el.geometry.dV.shape[1])
+    N, drag = np.broadcast_to(el.N, G.shape[:3]), (el.S * el.geometry.dV)[..., None]
+    K = np.zeros((E, A, d + 1, A, d))
+    add_isotropic(K, -bilinear(drag * _tests(el, x, G), N), d)
+    for j in range(d):
+        K[:, :, d, :, j] = -bilinear(el.tau[..., None] * drag * G[..., j], N)
+    return c_v * K
+
+
 def flow_by_mesh_velocity(el, f, c_m):
     """Return the derivative of `flow.flow_residual` by the mesh's positions through v_m alone (c = v - v_m), dv_m = c_m dy.
 
@@ -64,6 +80,16 @@ def _add_mesh_velocity(K, el, x, G):
             K[:, :, i, :, j] += bilinear(tests * strong[..., i, j, None] - supg * G[..., j], N)
         carried = (G @ strong[..., j, None])[..., 0]  # Σ_i ∂_i N_a d r_i/d v_m,j
         K[:, :, d, :, j] += bilinear((el.tau * el.n)[..., None] * carried, N)
+
+
+def solid_by_drag(N, geometry, S):
+    """Return the derivative of the solid's drag by (v_f, p), (E, A, d, A, d + 1) [N s/m]; the columns of p are zero."""
+    E, _, A, d = geometry.G.shape
+    K = np.zeros((E, A, d, A, d + 1))
+    drag = mass_matrix(N, -S * geometry.dV)
+    for i in range(d):
+        K[:, :, i, :, i] = drag
+    return K
 
 
 def solid_by_flow(N, geometry, n, S):

@@ -11,12 +11,14 @@ The pressure term is not integrated by parts, so that an impermeable surface, fi
 drained one prescribes p (Tezduyar 1992 for PSPG and LSIC; the subgrid velocity is -τ r).  Terms are kept apart, see
 `kernels.solid`.
 
-A free fluid has n = 1, S = 0 and no skeleton.  There the pressure is integrated by parts, so that the full traction
+A free fluid has n = 1 and no skeleton.  There the pressure is integrated by parts, so that the full traction
 σ n = (-p I + 2 μ sym ∇v) n is natural: an outlet may be left alone, and the residual of a node on the boundary is the fluid's
 traction ∮ w·σ n on it.
 
     ∫ w·[ρ (a + c·∇v) - ρ b] - ∫ p div w + ∫ ∇w : 2 μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ ν_L div w div v
     ∫ q div v + ∫ τ ∇q·r
+
+Where it flows through a porous solid, v is the volume-averaged velocity v_s + n_f w and S w_rel = S (v - v_s) is added to r.
 """
 
 from dataclasses import dataclass
@@ -38,14 +40,14 @@ class FlowElements:
     tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0 where n varies;
     tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg], None without the undrained term; second: `fem.geometry.SecondDerivatives`, None on
     linear elements or where μ = 0; grad_n (E, Q, d) [1/m] of a varying n, where there is `second`, None where n is constant;
-    free: a free fluid, whose n is 1 and whose S is not read.
+    free: a free fluid, whose n is 1; its S is None, or [N s/m⁴] of a skeleton that it flows through.
     """
 
     N: np.ndarray
     geometry: Any
     n: np.ndarray
     rho: np.ndarray
-    S: np.ndarray
+    S: np.ndarray | None
     mu: float
     tau: np.ndarray
     tau_supg: np.ndarray
@@ -62,7 +64,7 @@ class FlowElements:
 class FlowFields:
     """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E, A); b (E, Q, d).
 
-    v_s is not read for a free fluid, dp not without the undrained term.
+    v_s is not read for a free fluid without drag, dp not without the undrained term.
     """
 
     v: np.ndarray
@@ -76,7 +78,7 @@ class FlowFields:
 
 @dataclass(frozen=True)
 class FlowPoints:
-    """Pointwise quantities that residual and tangent share; c None without convection, w None for a free fluid."""
+    """Pointwise quantities that residual and tangent share; c None without convection, w None without drag."""
 
     c: np.ndarray | None
     grad_v: np.ndarray
@@ -100,9 +102,10 @@ def flow_points(el, f):
     c = el.N @ f.c if el.convection else None
     if el.convection:
         acceleration = acceleration + el.rho[..., None] * (grad_v @ c[..., None])[..., 0]
-    w = None if el.free else el.N @ (f.v - f.v_s)
-    residual = acceleration - el.rho[..., None] * f.b
-    residual = residual + grad_p if el.free else residual + el.n[..., None] * grad_p + el.S[..., None] * w
+    w = None if el.S is None else el.N @ (f.v - f.v_s)
+    residual = acceleration - el.rho[..., None] * f.b + (grad_p if el.free else el.n[..., None] * grad_p)
+    if w is not None:
+        residual = residual + el.S[..., None] * w
     if el.second is not None:
         residual = residual - viscous_force(el, f, grad_v)
     return FlowPoints(c, grad_v, acceleration, grad_p, w, residual)
@@ -154,7 +157,7 @@ def _porous_balances(momentum, volume, el, f, x):
 
 
 def _free_balances(momentum, volume, el, f, x):
-    """Set inertia, pressure, body force, volume and PSPG of a free fluid; return div v, (E, Q) [1/s]."""
+    """Set inertia, pressure, drag, body force, volume and PSPG of a free fluid; return div v, (E, Q) [1/s]."""
     G, dV = el.geometry.G, el.geometry.dV
     d = G.shape[-1]
     div = np.broadcast_to(np.einsum("eqii->eq", x.grad_v), dV.shape)
@@ -162,6 +165,8 @@ def _free_balances(momentum, volume, el, f, x):
     valued = test_value(el.N, dV, values)
     momentum[0], momentum[3], volume[0] = valued[..., :d], valued[..., d : 2 * d], valued[..., -1]
     momentum[1] = test_gradient(G, dV, -(f.p @ el.N.T)[..., None, None] * np.eye(d))
+    if x.w is not None:
+        momentum[2] = test_value(el.N, dV, el.S[..., None] * x.w)
     volume[2] = test_gradient(G, dV, (el.tau[..., None] * x.residual)[..., None, :])[..., 0]
     return div
 
@@ -221,7 +226,7 @@ def _advected(x, Gq):
 
 def _strong_isotropic(el, x, Gq, c_f):
     """Return the isotropic part of d r/d v_b without viscosity, (E, Q, A) [kg/(m³ s)]."""
-    rate = el.rho * c_f if el.free else el.rho * c_f + el.S
+    rate = el.rho * c_f if el.S is None else el.rho * c_f + el.S
     strong = rate[..., None] * el.N
     return strong + el.rho[..., None] * _advected(x, Gq) if el.convection else strong
 

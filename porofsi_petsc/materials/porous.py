@@ -4,7 +4,7 @@ Its limits are a free fluid (n_s = 0, no drag) and a solid without pores (n_s = 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,9 +34,12 @@ class PorousMaterial:
     variable_porosity: bool = False
 
     @classmethod
-    def free_fluid(cls, rho, viscosity):
-        """Return a fluid without a skeleton; rho [kg/m^3], viscosity [Pa s]."""
-        return cls(None, 0.0, 0.0, rho, 0.0, constant, 0.0, viscosity)
+    def free_fluid(cls, rho, viscosity, drag0=0.0):
+        """Return a fluid without a skeleton of its own; rho [kg/m^3], viscosity [Pa s].
+
+        drag0 : γ_fR/k_f [N s/m^4] of a porous solid that it flows through with its volume-averaged velocity, 0 outside of it
+        """
+        return cls(None, 0.0, 0.0, rho, drag0, constant, 0.0, viscosity)
 
     @classmethod
     def dense_solid(cls, elastic, rho):
@@ -47,6 +50,20 @@ class PorousMaterial:
     def is_free_fluid(self):
         """Return whether there is no skeleton."""
         return self.elastic is None
+
+    @property
+    def immersed(self):
+        """Return the skeleton for a free fluid that flows through it, of which it feels the drag γ_fR/k_f (v - v_s) alone."""
+        return replace(self, drag0=self.drag0 / (1 - self.n_s0) ** 2) if self.n_s0 < 1 else self
+
+    @property
+    def pore_fluid(self):
+        """Return the fluid in the pores of `immersed`: a free one with the volume-averaged velocity and the drag.
+
+        With ρ = n_f ρ_fR the whole has the density of the mixture where the fluid moves with the skeleton.
+        """
+        n_f = 1 - self.n_s0
+        return replace(self.free_fluid(n_f * self.rho_fR, self.viscosity, self.drag0), permeability=self.permeability)
 
     def fluid_fraction(self, J):
         """Return n_f, the shape of J."""

@@ -216,7 +216,7 @@ class FluidPhase:
             geometry=configuration.geometry.part(chunk),
             n=n,
             rho=n * material.rho_fR,
-            S=material.drag(J),
+            S=material.drag(J) if material.drag0 else None,
             mu=material.viscosity,
             tau=setup.pspg * stabilization.tau[chunk],
             tau_supg=setup.supg * stabilization.tau[chunk],
@@ -318,6 +318,14 @@ class FluidPhase:
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
             yield chunk, exchange.flow_by_skeleton(elements, _part(fields, chunk), rates.c_v, moving)
+
+    def drag_tangents(self, rates, skeleton):
+        """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by the skeleton it flows through)."""
+        fields = self._trial_fields(skeleton)
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            if self._setup.materials[region].drag0:
+                elements = self._elements(region, chunk, skeleton.configuration)
+                yield chunk, exchange.flow_by_drag(elements, _part(fields, chunk), rates.c_v)
 
     def mesh_tangents(self, rates, skeleton):
         """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by its mesh) of the trial state."""

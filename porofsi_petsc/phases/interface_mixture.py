@@ -21,10 +21,10 @@ class InterfaceMixture:
     def __init__(self, solid, fluid, motion, setups, interface, direct):
         """Take the phases, the mesh motion, their (solid, fluid, mesh) setups, the interface (n_local,) bool, and the scheme."""
         self._solid, self._fluid, self._motion, self._interface = solid, fluid, motion, interface
-        self._with_mesh = direct and motion.moves
+        self._with_mesh, self._immersed = direct and motion.moves, setups[0].immersed
         self._setup, self.mesh, self.stopwatch = setups[1], solid.mesh, solid.stopwatch
         self._domain = Domain(self.mesh)
-        self._rows = {id(phase): _rows_in(self._domain, phase.domain) for phase in (solid, fluid)}
+        self._rows = [_rows_in(self._domain, part.domain) for part in (solid, fluid, motion)]
         self._mask = self._make_mask(*setups)
         self._matrix = self.solver = None
         self._linear = solid.is_linear and fluid.is_linear
@@ -65,11 +65,16 @@ class InterfaceMixture:
 
     def _fill(self, values, rates):
         d, skeleton = self.mesh.dim, self._motion.skeleton()
-        of_solid, of_fluid = self._rows[id(self._solid)], self._rows[id(self._fluid)]
+        of_solid, of_fluid, of_mesh = self._rows
         for chunk, K in self._solid.trial_tangents(rates):
-            values[of_solid[chunk], :, :d, :, :d] = K
+            values[of_solid[chunk], :, :d, :, :d] += K
         for chunk, K in self._fluid.trial_tangents(rates, skeleton):
-            values[of_fluid[chunk], :, d:, :, d:] = K
+            values[of_fluid[chunk], :, d:, :, d:] += K
+        if self._immersed:
+            for chunk, K in self._solid.drag_tangents():
+                values[of_solid[chunk], :, :d, :, d:] += K
+            for chunk, K in self._fluid.drag_tangents(rates, skeleton):
+                values[of_fluid[chunk], :, d:, :, :d] += K
         if self._with_mesh:
             for chunk, K in self._fluid.mesh_tangents(rates, skeleton):
                 values[of_fluid[chunk], :, d:, :, :d] += K
@@ -77,11 +82,11 @@ class InterfaceMixture:
         fluid = values[of_fluid]
         fluid[..., :d] += rates.c_v * tie[:, None, None] * fluid[..., d : 2 * d]
         fluid[:, :, :d] += tie[..., None, None] * fluid[:, :, d : 2 * d]
-        if self._with_mesh:
-            inside = ~self._solid.domain.holds[self._fluid.domain.cells][..., None, None, None]
-            for chunk, K in self._motion.tangents():
-                fluid[chunk, :, :d, :, :d] += inside[chunk] * K
         values[of_fluid] = fluid
+        if self._with_mesh:
+            inside = ~self._solid.domain.holds[self._motion.domain.cells][..., None, None, None]
+            for chunk, K in self._motion.tangents():
+                values[of_mesh[chunk], :, :d, :, :d] += inside[chunk] * K
 
 
 def _rows_in(whole, part):

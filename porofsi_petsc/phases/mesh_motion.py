@@ -22,14 +22,17 @@ class MeshMotion:
 
     prefix = "mesh_"
 
-    def __init__(self, setup, with_hessian):
-        """Take a `phases.setup.MeshSetup`; with_hessian : whether the fluid wants second derivatives."""
-        self._setup, self._with_hessian = setup, with_hessian
+    def __init__(self, setup, fluid_domain, with_hessian):
+        """Take a `phases.setup.MeshSetup` and the domain of the fluid, which may go on into a porous solid.
+
+        with_hessian : whether the fluid wants second derivatives
+        """
+        self._setup, self._fluid_domain, self._with_hessian = setup, fluid_domain, with_hessian
         self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
         shape = (self.mesh.n_local, self.mesh.dim)
         self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
-        self._reference = Configuration.at(self.domain, self.mesh.X, with_hessian)
+        self._reference = Configuration.at(fluid_domain, self.mesh.X, with_hessian)
         self._configuration = self._accepted = self._matrix = self.solver = None
         self._stale, self.assemblies, self.smallest_ratio = True, 0, 1.0
         volume = self.domain.reference.dV.sum(axis=1)
@@ -42,10 +45,10 @@ class MeshMotion:
         return self._setup.moving_mesh
 
     def set_initial(self, displacement, velocity):
-        """Set the mesh to a displacement and a velocity of the solid, (n_local, d), on the interface; inside it is at rest."""
+        """Set the mesh to a displacement and a velocity of the solid, both (n_local, d); beside the solid it is at rest."""
         if self.moves:
             self.u = self._extended(displacement, self.u, 0.0)
-            self.v = np.where(self._setup.interface[:, None], velocity, 0.0)
+            self.v = np.where(self._setup.carried[:, None], velocity, 0.0)
         self.reset()
 
     def begin_step(self, scheme, t):
@@ -54,7 +57,7 @@ class MeshMotion:
         self._stale = self._stale or not self._setup.law.small_strain
 
     def follow(self, displacement):
-        """Let the interface take the solid's displacement at the end of the step, (n_local, d), and the mesh extend it."""
+        """Take the solid's displacement at the end of the step, (n_local, d), and extend it."""
         if self.moves:
             self._u1 = self._extended(displacement, self._u1, self._t_end)
             self._v1, self._a1 = self.scheme.rates(self._u1, self.u, self.v, self.a)
@@ -82,16 +85,16 @@ class MeshMotion:
     def _configuration_at(self, u):
         if not self.moves:
             return self._reference
-        return Configuration.at(self.domain, self.mesh.X + u, self._with_hessian)
+        return Configuration.at(self._fluid_domain, self.mesh.X + u, self._with_hessian)
 
     # -- extension --------------------------------------------------------------------------------------------------------
 
     @timed("mesh")
-    def _extended(self, interface, start, t):
-        """Return the displacement with the values of a field on the interface and those prescribed at time t elsewhere."""
+    def _extended(self, solid, start, t):
+        """Return the displacement with that of the solid (n_local, d) on its nodes and what is prescribed at time t elsewhere."""
         setup, u = self._setup, start.copy()
         setup.dirichlet.apply(u, t)
-        u[setup.interface] = interface[setup.interface]
+        u[setup.carried] = solid[setup.carried]
         free = ~setup.mask[: self.mesh.n_owned]
         for _ in range(CAP):
             if self._stale:

@@ -70,6 +70,7 @@ class SolidSetup(PhaseSetup):
     """The skeleton: essential displacement and surface tractions of the mixture [Pa].
 
     mass_scaling : factor of the mass in the tangent of the split "scaled", or "optimal"
+    immersed : a porous solid that a free fluid flows through, of which it feels the drag alone;
     robin : of an interface on which α v_s is added to the traction; told : (n_local,) bool, nodes to which an interface tells
     their velocity
     """
@@ -78,6 +79,7 @@ class SolidSetup(PhaseSetup):
     loads: tuple
     with_hessian: bool
     mass_scaling: float | str | None
+    immersed: bool = False
     robin: InterfaceMass | None = None
     told: np.ndarray | None = None
 
@@ -98,19 +100,20 @@ class SolidSetup(PhaseSetup):
 class MeshSetup(PhaseSetup):
     """The motion of a free fluid's mesh: an elastic law on the reference configuration, stiffer on small elements.
 
-    interface : (n_local,) bool, nodes that follow the solid; dirichlet : prescribed displacement, fixed boundaries included;
+    carried : (n_local,) bool, nodes of the solid, which carry the mesh;
+    dirichlet : prescribed displacement, fixed boundaries included;
     stiffening : exponent χ of (V_mean/V_e)^χ, the factor of the law in element e (Stein, Tezduyar & Benney 2003)
     """
 
     law: ElasticLaw
     stiffening: float
-    interface: np.ndarray
+    carried: np.ndarray
     dirichlet: Dirichlet
 
     @cached_property
     def mask(self):
         """Return where the displacement is prescribed, (n_local, d) bool."""
-        return self.dirichlet.mask | self.interface[:, None]
+        return self.dirichlet.mask | self.carried[:, None]
 
     def new_solver(self, matrix):
         """Return the KSP of the motion."""

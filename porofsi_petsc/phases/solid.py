@@ -149,6 +149,8 @@ class SolidPhase:
             material, current = self._setup.materials[region], configuration.geometry.part(chunk)
             J = configuration.J[chunk]
             pressure[chunk], drag[chunk] = kernel.coupling_residual(domain.mass.N, current, material, J, p[chunk], w[chunk])
+        if self._setup.immersed:
+            return {"drag": domain.scatter_add(drag), "interface": -flow.force}
         return {"pressure": domain.scatter_add(pressure), "drag": domain.scatter_add(drag)}
 
     @property
@@ -236,6 +238,13 @@ class SolidPhase:
     def trial_tangents(self, rates):
         """Yield (chunk, tangent (E, A, d, A, d)) of the trial state on a fixed mesh, without the corrected split's terms."""
         return self._element_tangents(self._u_alpha, self.skeleton().configuration, rates, "plain")
+
+    def drag_tangents(self):
+        """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of an immersed solid."""
+        configuration = self.skeleton().configuration
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            S = self._setup.materials[region].drag(configuration.J[chunk])
+            yield chunk, exchange.solid_by_drag(self.domain.mass.N, configuration.geometry.part(chunk), S)
 
     def exchange_tangents(self):
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial state."""

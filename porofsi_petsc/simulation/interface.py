@@ -24,7 +24,8 @@ def interface_medium(scene, mesh, stopwatch):
     """Return the coupling of a scene without porous materials in its initial state (collective)."""
     builder = _Builder(scene, mesh, stopwatch)
     setups = builder.solid(), builder.fluid(), builder.motion()
-    solid, fluid, motion = SolidPhase(setups[0]), FluidPhase(setups[1]), MeshMotion(setups[2], scene.model.viscosity)
+    solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
+    motion = MeshMotion(setups[2], fluid.domain, scene.model.viscosity)
     initial, choice = scene.initial, scene.coupling
     displacement, velocity = (nodal_field(mesh, v) for v in (initial.displacement, initial.solid_velocity))
     solid.set_initial(displacement, velocity)
@@ -50,11 +51,14 @@ class _Builder:
     def __init__(self, scene, mesh, stopwatch):
         self.scene, self.mesh = scene, mesh
         self._materials = materials = materials_of(scene, mesh)
-        self._fluids = {region: m for region, m in materials.items() if m.is_free_fluid}
-        self._solids = {region: m for region, m in materials.items() if not m.is_free_fluid}
+        self._free = {region: m for region, m in materials.items() if m.is_free_fluid}
+        self._solids = {region: m.immersed for region, m in materials.items() if not m.is_free_fluid}
+        self._pores = [region for region, m in materials.items() if 0 < m.n_s0 < 1]
+        self._fluids = self._free | {region: materials[region].pore_fluid for region in self._pores}
         self._solid_domain, self._fluid_domain = Domain(mesh, self._solids), Domain(mesh, self._fluids)
         self._solid_tags, self._fluid_tags = (tags_of(mesh, domain.row_of_cell) for domain in self._domains)
-        self.interface = self._solid_domain.holds & self._fluid_domain.holds
+        dense = Domain(mesh, [region for region in self._solids if region not in self._pores])
+        self.interface = dense.holds & self._fluid_domain.holds
         choice = scene.coupling
         self._pair = "dirichlet_neumann" if choice.scheme in MONOLITHIC else choice.interface
         self._masses = InterfaceMass.between(*self._domains[::-1]), InterfaceMass.between(*self._domains)
@@ -88,7 +92,8 @@ class _Builder:
             materials=self._solids,
             body_force=components(self.scene.body_force.solid),
             inertia=self.scene.model.solid_inertia,
-            moving_mesh=False,
+            moving_mesh=self._moving and bool(self._pores),
+            immersed=bool(self._pores),
             dirichlet=self._dirichlet("displacement", self._solid_tags),
             loads=self._loads(self._solid_tags),
             with_hessian=False,
@@ -171,14 +176,14 @@ class _Builder:
         given += [(tag, i, lambda t, x: 0.0) for tag in sorted(fixed) for i in range(self.mesh.dim)]
         poisson = section.poisson
         return MeshSetup(
-            domain=self._fluid_domain,
-            materials=self._fluids,
+            domain=Domain(self.mesh, self._free),
+            materials=self._free,
             body_force={},
             inertia=False,
             moving_mesh=self._moving,
             law=MESH_MOTION[section.law](poisson / (1 - 2 * poisson), 0.5),
             stiffening=section.stiffening,
-            interface=self.interface,
+            carried=self._solid_domain.holds,
             dirichlet=Dirichlet(self.mesh, self.mesh.dim, given),
             **self._common,
         )

@@ -1,0 +1,104 @@
+"""A free fluid that flows through a porous solid: Darcy's law and the load of the drag."""
+
+import pytest
+from running import Job, run_here
+
+from porofsi_petsc import load_scene
+from porofsi_petsc.errors import InputError
+from porofsi_petsc.output.history import read_history
+
+U, K, MU, LENGTH, MODULUS = 0.3, 1e-6, 2.0, 1.0, 2e6  # [m/s], [m²], [Pa s], [m] of the plug, E_c [Pa]
+
+SCENE = f"""
+title = "A plug at the end of a channel"
+
+[mesh]
+kind = "rectangle"
+order = 2
+x = {{ points = [0.0, 1.0, 2.0], cells = [4, 4] }}
+y = {{ points = [0.0, 0.5], cells = [2] }}
+regions = [{{ name = "plug", x = [1.0, 2.0] }}]
+
+[model]
+solid_inertia = false
+fluid_inertia = false
+viscosity = true
+
+[time]
+scheme = "steady"
+end = 1.0
+step = 1.0
+
+[[material]]
+region = "body"
+fluid = {{ density = 1000.0, viscosity = {MU} }}
+
+[[material]]
+region = "plug"
+porosity = 0.4
+solid = {{ law = "linear_elastic", lambda = 1e6, mu = 0.5e6, density = 2000.0 }}
+fluid = {{ density = 1000.0, viscosity = {MU} }}
+permeability = {{ law = "constant", intrinsic = {K} }}
+
+[[boundary]]
+on = "left"
+velocity = {{ x = {U}, y = 0.0 }}
+
+[[boundary]]
+on = ["bottom", "top"]
+velocity = {{ y = 0.0 }}
+displacement = {{ y = 0.0 }}
+
+[[boundary]]
+on = "right"
+displacement = {{ x = 0.0 }}
+
+[[probe]]
+name = "inlet"
+at = [0.0, 0.25]
+quantities = ["p", "vf_x"]
+
+[[probe]]
+name = "face"
+at = [1.0, 0.25]
+quantities = ["u_x", "p", "vf_x"]
+
+[coupling]
+scheme = "quasi_direct"
+
+[limits]
+reynolds = "report"
+strain = "report"
+mesh_displacement = "report"
+"""
+
+
+def last(path, *overrides):
+    """Run the plug and return the last row of its history."""
+    scene = path / "plug.toml"
+    scene.write_text(SCENE)
+    run_here(Job(str(scene), str(path / "out"), overrides))
+    return {name: values[-1] for name, values in read_history(path / "out" / "history.csv").items()}
+
+
+def test_flow_through_a_plug_obeys_darcy_and_loads_the_solid(tmp_path):
+    """Uniform flow: p falls by μ U L/K, the drag compresses the plug by μ U L²/(2 K E_c), both exact on quadratic triangles."""
+    computed = last(tmp_path)
+    drop = MU * U * LENGTH / K
+    exact = {"inlet.p": drop, "face.p": drop, "face.u_x": drop * LENGTH / (2 * MODULUS), "face.vf_x": U, "inlet.vf_x": U}
+    for name, value in exact.items():
+        print(f"{name}: computed {computed[name]:.9g}, exact {value:.9g}, error {computed[name] / value - 1:.1e}")
+        assert computed[name] == pytest.approx(value, rel=1e-8)  # 100 times the coupling's 1e-6 over a drag of 6e5 Pa: round-off
+
+
+def test_an_open_plug_is_not_there(tmp_path):
+    """At K = 1e3 m² the drop is 1e-9 of that at 1e-6."""
+    computed = last(tmp_path, "material.1.permeability.intrinsic=1e3")
+    assert abs(computed["inlet.p"]) < 1e-2 and computed["face.vf_x"] == pytest.approx(U, rel=1e-8)
+
+
+@pytest.mark.parametrize("scheme", ["partitioned", "weak", "one_way"])
+def test_other_schemes_are_refused(tmp_path, scheme):
+    (tmp_path / "plug.toml").write_text(SCENE)
+    with pytest.raises(InputError, match="quasi_direct"):
+        load_scene(str(tmp_path / "plug.toml"), [f"coupling.scheme={scheme}"])
