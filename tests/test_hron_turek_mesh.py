@@ -107,4 +107,4 @@ def test_the_quarter_ring_has_its_names_radii_and_areas(ring):
     error = arc_error(np.pi / 2, ring, "wall") * np.pi / 4 * (1.5**2 + 1.05**2)
     assert area(ring, "ring") == pytest.approx(np.pi / 4 * (1.05**2 - 0.95**2), abs=error)
     assert area(ring, "fluid") == pytest.approx(np.pi / 4 * (1.5**2 - 1.05**2), abs=error)
-    assert smallest_angle(ring) > 20
+    assert smallest_angle(ring) > 3  # in the thin rows at the interface and at the wall, 12 times as long as thick
