@@ -43,15 +43,18 @@ class Initial(Table):
     pressure: Formula | None = None
 
 
-def check_boundaries(boundaries, brinkman):
-    """Refuse a quantity prescribed twice on a tag, or beside one that excludes it."""
+def check_boundaries(boundaries, brinkman, porous):
+    """Refuse a quantity prescribed twice on a tag, or beside one that excludes it.
+
+    Without porous materials the phase behind a surface decides what excludes what; see `simulation.sides`.
+    """
     taken = {}
     for i, boundary in enumerate(boundaries):
         if boundary.no_slip and not brinkman:
             raise wrong("received true, expected false without model.viscosity = true (Darcy)", f"boundary.{i}.no_slip")
         for tag in boundary.on:
             for quantity in boundary.given():
-                for other in (quantity, *_excluded_by(quantity)):
+                for other in (quantity, *(_excluded_by(quantity) if porous else ())):
                     if (tag, other) in taken:
                         first = f"boundary.{taken[tag, other]}.{other}"
                         text = f"tag '{tag}' has {first} already, which excludes {quantity}; remove one of the two"

@@ -99,7 +99,7 @@ class Scene(Table):
     @model_validator(mode="after")
     def _sections_agree(self):
         check_materials(self.material, self.model.viscosity)
-        check_boundaries(self.boundary, self.model.viscosity is True)
+        check_boundaries(self.boundary, self.model.viscosity is True, self.is_porous)
         for i, boundary in enumerate(self.boundary):
             check_expressions(boundary, self.dim, f"boundary.{i}")
         check_expressions(self.body_force, self.dim, "body_force")
@@ -139,10 +139,9 @@ class Scene(Table):
         if self.reference:
             raise wrong("received a reference without porous materials, for which there is none; leave it out", "reference")
         for i, boundary in enumerate(self.boundary):
-            for name in ("pressure", "flux"):
-                if getattr(boundary, name) is not None:
-                    advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
-                    raise wrong(f"received one without porous materials; {advice}", f"boundary.{i}.{name}")
+            for name in sorted({"pressure", "flux", "no_slip"} & set(boundary.given())):
+                advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
+                raise wrong(f"received one without porous materials; {advice}", f"boundary.{i}.{name}")
 
     def _check_pores_beside_fluid(self):
         """Refuse what a porous solid that a free fluid flows through does not have."""

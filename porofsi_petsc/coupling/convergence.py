@@ -34,17 +34,19 @@ class Convergence:
         """Forget the scales of the last step; force_per_rate : of the volume balance [N s/m³], infinite where it is not known."""
         self._scales, self.history, self.force_per_rate = {}, [], float("inf")
 
-    def reached(self, norms, drag):
+    def reached(self, norms, drag, cancelling):
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
 
         drag : the force S v_f or S c_v u [N], whose round-off the momentum residuals have; ConvergenceError where it drowns them
+        cancelling : field -> norm of what cancels inside its terms, whose round-off is all that a uniform flow has
         """
         errors = {}
         for field, (_, force) in norms.items():
             self._scales[field] = max(force, self._scales.get(field, 0.0)) if field == "volume" else force
             self.largest[field] = max(force, self.largest.get(field, 0.0))
         for field, (residual, _) in norms.items():
-            round_off = max(ROUND_OFF * self._largest_like(field), 0.0 if field == "volume" else EPSILON * drag)
+            inside = EPSILON * max(0.0 if field == "volume" else drag, cancelling.get(field, 0.0))
+            round_off = max(ROUND_OFF * self._largest_like(field), inside)
             errors[field] = residual / self._scales[field] if residual > round_off else 0.0
             if not isfinite(residual):
                 raise ConvergenceError(

@@ -136,6 +136,28 @@ class FluidPhase:
         force = self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
         return float(np.sqrt(self.mesh.comm.allreduce(np.vdot(force, force))))
 
+    def cancelling(self, skeleton, rates):
+        """Return field -> norm of what cancels inside the terms of a free fluid (collective); a uniform flow has nothing else.
+
+        Per element of volume V, with g = Σ_a |∇N_a| and c = v_f - v_m: V g |v_f| in ∫ q div v and V |v_f| (ρ c_f + ρ |c| g +
+        μ g²) in the momentum, each in equal parts to its nodes.
+        """
+        if self._setup.porous:
+            return {}
+        domain, v = self.domain, self._level(self.v, self._v1)
+        speed, relative = (_largest(domain.gather(field)) for field in (v, v - skeleton.mesh_velocity))
+        rate, force = np.empty(domain.n_cells), np.empty(domain.n_cells)
+        for region, span in domain.region_slices.items():
+            material, geometry = self._setup.materials[region], skeleton.configuration.geometry
+            g = np.linalg.norm(geometry.G[span], axis=-1).sum(axis=2).max(axis=1, initial=0.0)
+            flux = geometry.dV[span].sum(axis=1) * speed[span] / domain.cells.shape[1]
+            rate[span] = flux * g
+            convective = relative[span] * g if self._setup.convection else 0.0
+            force[span] = flux * (material.rho_fR * (rates.c_f + convective) + material.viscosity * g**2)
+        nodal = np.column_stack([self._nodal_sum(force), self._nodal_sum(rate)])
+        squares = self.mesh.comm.allreduce((nodal**2).sum(axis=0))
+        return dict(zip(("fluid momentum", "volume"), np.sqrt(squares).tolist(), strict=True))
+
     def _weigh_drag(self, skeleton):
         """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N s/m]."""
         domain, drag = self.domain, np.empty(self.domain.n_cells)
@@ -443,6 +465,11 @@ class FluidPhase:
             speed2 = ((domain.mass.N @ v[chunk]) ** 2).sum(axis=-1)
             kinetic[chunk] = 0.5 * (rho * speed2 * skeleton.configuration.geometry.dV[chunk]).sum(axis=1)
         return domain.sum_owned(kinetic)
+
+
+def _largest(nodal):
+    """Return the largest length of the nodal vectors of every element, (E,), of (E, A, d)."""
+    return np.linalg.norm(nodal, axis=-1).max(axis=1, initial=0.0)
 
 
 def _part(fields, chunk):

@@ -10,6 +10,7 @@ from .transfer import Skeleton
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any coupling tolerance.
 TOLERANCE, CAP = 1e-11, 40
+SLOW = 0.1  # contraction of its increments above which a lagged tangent is renewed within a step
 
 
 class MeshMotion:
@@ -91,31 +92,46 @@ class MeshMotion:
 
     @timed("mesh")
     def _extended(self, solid, start, t):
-        """Return the displacement with that of the solid (n_local, d) on its nodes and what is prescribed at time t elsewhere."""
+        """Return the displacement with that of the solid (n_local, d) on its nodes and what is prescribed at time t elsewhere.
+
+        The first increment moves inside and boundary together: the boundary alone would invert the elements behind it.
+        """
         setup, u = self._setup, start.copy()
         setup.dirichlet.apply(u, t)
         u[setup.carried] = solid[setup.carried]
+        boundary, u, last = u - start, start.copy(), np.inf
         free = ~setup.mask[: self.mesh.n_owned]
         for _ in range(CAP):
             if self._stale:
                 self._assemble(u)
-            increment = setup.solve(self.solver, np.where(free, -self._forces(u), 0.0)) * free
-            u += self.mesh.halo.extend(increment)
-            if setup.law.small_strain or self._small(increment, u):
+            forces = self._forces(u, boundary)
+            increment = setup.solve(self.solver, np.where(free, -forces, 0.0)) * free
+            u += boundary + self.mesh.halo.extend(increment)
+            boundary = np.zeros_like(u)
+            size = self._relative(increment, u)
+            if setup.law.small_strain or size <= TOLERANCE:
                 return u
+            self._stale, last = size > SLOW * last, size
         raise ConvergenceError(f"the motion of the mesh did not converge in {CAP} iterations; try a smaller step")
 
-    def _small(self, increment, u):
+    def _relative(self, increment, u):
+        """Return |increment|/|u|, 0 at rest; both (n_owned, d) or longer (collective)."""
         owned = u[: len(increment)]
         squares = self.mesh.comm.allreduce(np.array([np.vdot(increment, increment), np.vdot(owned, owned)]))
-        return squares[0] <= TOLERANCE**2 * squares[1]
+        return float(np.sqrt(squares[0] / squares[1])) if squares[1] else 0.0
 
-    def _forces(self, u):
-        """Return the nodal forces of the law, (n_owned, d)."""
-        nodal = self.domain.gather(u)
+    def _forces(self, u, change):
+        """Return the nodal forces of the law at u and what a change of u adds to first order, (n_owned, d)."""
+        law, nodal, moved = self._setup.law, self.domain.gather(u), self.domain.gather(change)
         vectors = np.empty(nodal.shape)
         for chunk, G, dV in self._stiffened():
-            vectors[chunk] = kernel.stress_residual(G, dV, self._setup.law, nodal[chunk])
+            if law.small_strain:
+                vectors[chunk] = kernel.stress_residual(G, dV, law, nodal[chunk] + moved[chunk])
+                continue
+            vectors[chunk] = kernel.stress_residual(G, dV, law, nodal[chunk])
+            if change.any():
+                K = kernel.stress_tangent(G, dV, law, nodal[chunk])
+                vectors[chunk] += np.einsum("eaibj,ebj->eai", K, moved[chunk])
         return self.domain.scatter_add(vectors)
 
     def tangents(self):

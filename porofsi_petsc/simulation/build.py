@@ -19,6 +19,7 @@ from ..phases.solid import SolidPhase
 from .auto import AutoMedium, auto_terms
 from .interface import interface_medium
 from .setups import fluid_setup, materials_of, nodal_field, solid_setup
+from .sides import check_sides
 
 MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
 
@@ -36,19 +37,22 @@ def serial_mesh(scene):
         if material.region != ("all",):
             require_regions(mesh, material.region, f"{where} [material.{i}.region]")
     _require_materials(mesh, scene, where)
+    kinds = _kinds(scene, mesh)
     if INTERFACE not in mesh.facets:
-        mesh = with_interface(mesh, {region for region, kind in _kinds(scene, mesh) if kind == "fluid"})
+        mesh = with_interface(mesh, {region for region, kind in kinds.items() if kind == "fluid"})
     for i, boundary in enumerate(scene.boundary):
         require_tags(mesh, boundary.on, f"{where} [boundary.{i}.on]")
     require_every_tag(boundary_tags(mesh), [tag for boundary in scene.boundary for tag in boundary.on], where)
+    if not scene.is_porous:
+        check_sides(scene, mesh, kinds, where)
     return mesh
 
 
 def _kinds(scene, mesh):
-    """Yield (region, kind of its material)."""
-    for entry in scene.material:
-        for region in mesh.regions if entry.region == ("all",) else entry.region:
-            yield region, entry.kind
+    """Return region -> kind of its material."""
+    return {
+        region: entry.kind for entry in scene.material for region in (mesh.regions if entry.region == ("all",) else entry.region)
+    }
 
 
 def _require_materials(mesh, scene, where):
