@@ -13,18 +13,20 @@ LENGTH, HEIGHT = 2.5, 0.41  # channel [m]
 CENTRE, RADIUS = (0.2, 0.2), 0.05  # cylinder [m]
 TIP, HALF = 0.6, 0.01  # end of the beam and half its thickness [m]
 ROOT = asin(HALF / RADIUS)  # half the angle of the arc on which the beam stands
-SIDE, THICKNESS = 40, 2  # elements along a side of the beam and over its thickness at level 0
-CLUSTER = 0.5  # size at root and tip over the size at half length: both ends are singular
-WALL, GROWTH = 0.01, 0.22  # size at cylinder and beam [m], and its growth with the distance from them [-]
+SIDE, THICKNESS = 56, 4  # elements along a side of the beam and over its thickness at level 0
+CLUSTER = 0.3  # size at root and tip over the size at half length: both ends are singular
+NARROW = 0.4  # at the tip: size at the corners over the size at the middle
+WALL, CORNER, GROWTH = 0.01, 0.0025, 0.22  # size at cylinder and beam, at the tip's corners [m], its growth with the distance [-]
 WAKE, FAR, WAKE_END = 0.03, 0.07, 1.5  # largest size up to the end of the wake, at the outlet [m], and that end [m]
 
 
 def size(x, y):
-    """Return the element size of level 0 [m]: small at the body, moderate in the wake, growing toward the outlet."""
+    """Return the element size of level 0 [m]: smallest at the corners of the tip, moderate in the wake, growing to the outlet."""
     cylinder = hypot(x - CENTRE[0], y - CENTRE[1]) - RADIUS
     beam = hypot(max(CENTRE[0] - x, x - TIP, 0.0), max(abs(y - CENTRE[1]) - HALF, 0.0))
+    corner = min(hypot(x - TIP, y - CENTRE[1] - offset) for offset in (-HALF, HALF))
     behind = max(x - WAKE_END, 0.0) / (LENGTH - WAKE_END)
-    return min(WALL + GROWTH * max(min(cylinder, beam), 0.0), WAKE + behind * (FAR - WAKE))
+    return min(WALL + GROWTH * max(min(cylinder, beam), 0.0), CORNER + GROWTH * corner, WAKE + behind * (FAR - WAKE))
 
 
 def polyline(points):
@@ -38,14 +40,15 @@ def circle_points(angles):
 
 
 def structure(level, beam, sides, root, corners):
-    """Make the beam a grid of alternating diagonals, its elements smallest at root and tip."""
+    """Make the beam a grid of alternating diagonals, its elements smallest at root and tip, and there at the corners."""
     mesh = gmsh.model.geo.mesh
     low, *tip, high = sides
     factor = 2**level
+    across = THICKNESS // 2 * factor
     for side in (low, high):
         mesh.setTransfiniteCurve(side, SIDE * factor + 1, "Bump", CLUSTER)
-    for half in tip:
-        mesh.setTransfiniteCurve(half, THICKNESS // 2 * factor + 1)
+    for half, first_to_last in zip(tip, (1 / NARROW, NARROW), strict=True):  # from the lower corner, to the upper one
+        mesh.setTransfiniteCurve(half, across + 1, "Progression", first_to_last ** (1 / (across - 1)))
     mesh.setTransfiniteCurve(root, THICKNESS * factor + 1)
     mesh.setTransfiniteSurface(beam, "Alternate", corners)
 
