@@ -238,6 +238,7 @@ WRONG = [
     ),
     ("expect.0.quantity=A.u_x", "[expect.0.quantity]: received 'A.u_x', which no [[probe]] records; did you mean 'A.u_y'?"),
     ("expect.0.statistic=max", "[expect.0]: expected exactly one of at = TIME and statistic"),
+    ("expect=[{quantity='A.u_y', statistic='frequency', value=1, tolerance=1}]", "without output.period_of, expected the column"),
     ("expect.0.value=0", "[expect.0.scale]: received nothing, expected a positive number"),
 ]
 
@@ -256,6 +257,13 @@ def test_the_error_of_a_displacement_needs_a_solution_that_has_one(scene_file):
     reference = "reference={solution='strip_footing', load=1e4, length=1.0}"
     with pytest.raises(InputError, match=r"expect.0.quantity\]: received 'error.u'"):
         load_scene(scene_file, [reference, "expect.0.quantity=error.u"])
+
+
+def test_a_periodic_statistic_needs_a_column_of_the_history(scene_file):
+    reference = "reference={solution='column_step', load=1, length=10}"
+    expect = "expect=[{quantity='error.u', statistic='frequency', value=1, tolerance=1}]"
+    with pytest.raises(InputError, match=r"expect.0.statistic\]: received 'frequency' of error.u, .* expected a column of hist"):
+        load_scene(scene_file, [reference, "output.period_of=A.u_y", expect])
 
 
 def test_a_consistent_start_needs_a_skeleton_with_inertia(scene_file):

@@ -17,6 +17,7 @@ from porofsi_petsc.output.expectations import evaluate, failed
 from porofsi_petsc.output.files import on_root, write_text
 from porofsi_petsc.output.history import History, read_history
 from porofsi_petsc.output.info import describe
+from porofsi_petsc.output.period import Oscillation, Period
 from porofsi_petsc.output.summary import SUMMARY_KEYS, check_summary, summary_documentation, write_summary
 
 COMM = MPI.COMM_SELF
@@ -163,6 +164,31 @@ def test_expectation_compares_relative_to_its_scale(changes, value, error, passe
     (record,) = evaluate([expectation(**changes)], [HISTORY])
     assert record["value"] == pytest.approx(value) and record["error"] == pytest.approx(error) and record["passed"] is passed
     assert bool(failed([record])) is not passed
+
+
+PERIOD = Period(0.5, 1.5, 0.01, {"B.p": Oscillation(-1.0, 2.0, 5.46), "A.u": Oscillation(3.0, 0.0, None)})
+
+
+@pytest.mark.parametrize(("statistic", "value"), [("period_mean", -1.0), ("period_amplitude", 2.0), ("frequency", 5.46)])
+def test_periodic_expectation_is_of_the_last_period(statistic, value):
+    wrong = expectation(statistic=statistic, value=value * 1.1)
+    right, missed = evaluate([expectation(statistic=statistic, value=value), wrong], [HISTORY], period=PERIOD)
+    assert right["value"] == value and right["passed"] is True
+    assert missed["error"] == pytest.approx(0.1 / 1.1) and failed([right, missed]) == [missed]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "complete", "period", "reason"),
+    [
+        ("B.p", True, None, "the history has no full period"),
+        ("B.p", False, PERIOD, "the run did not reach its end"),
+        ("A.u", True, PERIOD, "it is steady in the last period"),
+    ],
+)
+def test_periodic_expectation_without_a_period_is_skipped(quantity, complete, period, reason):
+    history = HISTORY | {"A.u": np.full(3, 3.0)}
+    (record,) = evaluate([expectation(quantity=quantity, statistic="frequency")], [history], complete, period)
+    assert (record["passed"], record["value"], record["reason"]) == (None, None, reason)
 
 
 def test_expectation_beyond_the_history_is_skipped():

@@ -10,6 +10,7 @@ from .material import Material, check_materials
 from .reference import Reference
 from .sections import (
     LIMIT_OF,
+    PERIODIC,
     Coupling,
     Expect,
     Figures,
@@ -222,9 +223,22 @@ class Scene(Table):
                 raise wrong(text, f"expect.{i}.quantity")
             if expect.quantity.startswith("error.") and expect.at is not None and expect.at not in self.reference.times:
                 raise wrong(f"received {expect.at:g}, expected one of reference.times, when errors are taken", f"expect.{i}.at")
+            if expect.statistic in PERIODIC:
+                self._check_periodic(expect, f"expect.{i}.statistic")
         if self.output.period_of is not None and self.output.period_of not in recorded:
             received = f"received '{self.output.period_of}', which is not recorded"
             raise wrong(f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of")
+        self._check_paths(recorded)
+
+    def _check_periodic(self, expect, where):
+        if self.output.period_of is None:
+            text = "without output.period_of, expected the column there whose last full period counts"
+            raise wrong(f"received '{expect.statistic}' {text}", where)
+        if expect.quantity not in self.columns:
+            text = "which is taken at a few times only, expected a column of history.csv"
+            raise wrong(f"received '{expect.statistic}' of {expect.quantity}, {text}", where)
+
+    def _check_paths(self, recorded):
         for name in self.figures.paths:
             if not {f"{name}.u_x", f"{name}.u_y"} <= set(recorded):
                 raise wrong(f"received '{name}', expected a probe that records u_x and u_y", "figures.paths")

@@ -183,16 +183,20 @@ class Figures(Table):
     cut: Number | None = None
 
 
+# Statistics of the last full period of output.period_of -> what they are of an `output.period.Oscillation`.
+PERIODIC = {"period_mean": "mean", "period_amplitude": "amplitude", "frequency": "frequency"}
+
+
 class Expect(Table):
     """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value| (or times scale).
 
-    since : the value is the change from this time [s] to `at`
+    since : the value is the change from this time [s] to `at`; statistic : of the whole history, PERIODIC ones of its last period
     """
 
     quantity: Text
     at: Annotated[Number, Field(ge=0)] | None = None
     since: Annotated[Number, Field(ge=0)] | None = None
-    statistic: Literal["max", "min", "abs_max", "final"] | None = None
+    statistic: Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "frequency"] | None = None
     value: Number
     tolerance: Positive
     scale: Positive | None = None
@@ -201,7 +205,7 @@ class Expect(Table):
     @model_validator(mode="after")
     def _complete(self):
         if (self.at is None) == (self.statistic is None):
-            raise wrong('expected exactly one of at = TIME and statistic = "max" | "min" | "abs_max" | "final"')
+            raise wrong("expected exactly one of at = TIME and statistic = NAME, both are in docs/scene.md")
         if self.since is not None and (self.at is None or self.since >= self.at):
             raise wrong(f"received {self.since:g}, expected a time before at = TIME", "since")
         if self.value == 0 and self.scale is None:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..config.sections import PERIODIC
+
 STATISTICS = {
     "max": np.max,
     "min": np.min,
@@ -11,7 +13,7 @@ STATISTICS = {
 ROUNDING = 1e-9  # relative: a last time that misses the asked one by rounding is not a history that is too short
 
 
-def evaluate(expectations, histories, complete=True):
+def evaluate(expectations, histories, complete=True, period=None):
     """Return one record per expectation, a dict.
 
     Its keys: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason, source.
@@ -19,9 +21,13 @@ def evaluate(expectations, histories, complete=True):
     expectations : objects with quantity, at [s] (and since [s]) or statistic, value, tolerance, scale (None: |value|), source.
     histories : each a dict column -> (rows,), as read_history gives; the first that has the column counts.  The error is
     |computed - expected| / scale; a time that the history does not cover is skipped: passed None and a reason; so is a statistic
-    of a run that did not complete.
+    of a run that did not complete.  period : the `output.period.Period` of the history, None where it has none, which skips too.
     """
-    return [_record(e, next(history for history in histories if e.quantity in history), complete) for e in expectations]
+    found = []
+    for expectation in expectations:
+        history = next(history for history in histories if expectation.quantity in history)
+        found.append(_record(expectation, *_computed(expectation, history, complete, period)))
+    return found
 
 
 def failed(records):
@@ -29,8 +35,7 @@ def failed(records):
     return [record for record in records if record["passed"] is False]
 
 
-def _record(expectation, history, complete):
-    value, reason = _computed(expectation, history, complete)
+def _record(expectation, value, reason):
     error = None if value is None else _relative(abs(value - expectation.value), expectation.scale or abs(expectation.value))
     return {
         "quantity": expectation.quantity,
@@ -53,12 +58,15 @@ def _relative(difference, scale):
     return float(difference / scale)
 
 
-def _computed(expectation, history, complete):
+def _computed(expectation, history, complete, period):
+    """Return the value and None, or None and the reason why there is none."""
     t, values = history["t"], history[expectation.quantity]
     if len(t) == 0:
         return None, "the history is empty"
     if expectation.at is None and not complete:
         return None, "the run did not reach its end"
+    if expectation.statistic in PERIODIC:
+        return _periodic(expectation, period)
     if expectation.at is None:
         return float(STATISTICS[expectation.statistic](values)), None
     times = [expectation.at] if expectation.since is None else [expectation.since, expectation.at]
@@ -67,3 +75,10 @@ def _computed(expectation, history, complete):
         return None, f"the history covers {t[0]:g} s to {t[-1]:g} s"
     found = np.interp(times, t, values)
     return float(found[-1] - (found[0] if expectation.since is not None else 0.0)), None
+
+
+def _periodic(expectation, period):
+    if period is None:
+        return None, "the history has no full period"
+    value = getattr(period.columns[expectation.quantity], PERIODIC[expectation.statistic])
+    return (None, "it is steady in the last period") if value is None else (float(value), None)

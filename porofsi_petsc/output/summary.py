@@ -78,6 +78,11 @@ SUMMARY_KEYS = {
         "one record per time of [reference] and for the end: at (asked for) and t (end of the step) [s], relative errors u "
         "(over the exact u) and p (over its size under the sudden load) in L2 over the mesh; empty without [reference]"
     ),
+    "period": (
+        "null without output.period_of or a full period of it; else start and end of the last one [s], change of the amplitude "
+        "of that column since the period before [-], columns: name -> mean (max + min)/2 and amplitude (max - min)/2 in it "
+        "[unit of the column], frequency of its own crossings of the mean [Hz], null where it is steady"
+    ),
     "expectations": (
         "one record per [[expect]]: quantity, at [s], since [s] or statistic, value (computed), reference (expected), "
         "error (relative), tolerance, passed (null when skipped), reason (why skipped), source"

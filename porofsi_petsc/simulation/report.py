@@ -11,8 +11,11 @@ from .. import __version__
 BLOCKS = ("fluid", "solid", "mesh", "mixture")
 
 
-def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, files, exit_code):
-    """Return the content of summary.json (keys: `output.summary.SUMMARY_KEYS`); collective."""
+def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, files, exit_code):
+    """Return the content of summary.json (keys: `output.summary.SUMMARY_KEYS`); collective.
+
+    judgement : dict with period and expectations, what the files of the run say of its result
+    """
     mesh, comm = coupling.solid.mesh, coupling.solid.mesh.comm
     blocks = coupling.blocks
     iterations = np.array(loop.iterations or [0])
@@ -45,7 +48,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, expectations, 
         "neglected": measures.neglected(),
         "oscillation_indicator": measures.oscillation_indicator,
         "errors": measures.comparison.errors() if measures.comparison else [],
-        "expectations": expectations,
+        **judgement,
         "files": files,
     }
 

@@ -1,5 +1,7 @@
 """One run from a scene to its results, and the check of a scene without a run."""
 
+from dataclasses import asdict
+
 from mpi4py import MPI
 
 from ..config import scene_to_toml
@@ -11,6 +13,7 @@ from ..output.expectations import evaluate, failed
 from ..output.figures import make_figures
 from ..output.files import on_root, write_text
 from ..output.history import read_history
+from ..output.period import period_analysis
 from ..output.probes import Probes
 from ..output.profiles import write_profiles
 from ..output.progress import Progress
@@ -100,33 +103,40 @@ class _Run:
         """Close the files, write figures and summary; return the summary (collective)."""
         progress.close()
         self.records.close()
-        expectations = on_root(self.comm, self._expectations, exit_code == 0)
-        if exit_code == 0 and failed(expectations):
+        judgement = on_root(self.comm, self._judgement, exit_code == 0)
+        if exit_code == 0 and failed(judgement["expectations"]):
             exit_code = ExpectationError.exit_code
-        self._summarize(expectations, exit_code)  # a figure that cannot be drawn must not cost the numbers
+        self._summarize(judgement, exit_code)  # a figure that cannot be drawn must not cost the numbers
         with self.stopwatch.measure("output"):
             on_root(self.comm, make_figures, self.directory)
-        summary = self._summarize(expectations, exit_code)
+        summary = self._summarize(judgement, exit_code)
         self._say(summary)
         return summary
 
-    def _summarize(self, expectations, exit_code):
+    def _summarize(self, judgement, exit_code):
         files = on_root(
             self.comm, lambda: sorted(str(p.relative_to(self.directory)) for p in self.directory.rglob("*") if p.is_file())
         )
         parts = self.coupling, self.loop, self.energy, self.measures, self.stopwatch
-        summary = summarize(self.scene, *parts, expectations, files, exit_code)
+        summary = summarize(self.scene, *parts, judgement, files, exit_code)
         on_root(self.comm, write_summary, self.directory, summary)
         return summary
 
-    def _expectations(self, complete):
+    def _judgement(self, complete):
+        """Return the last full period of the history and the records of [[expect]]; write the profiles."""
         histories = [read_history(self.directory / "history.csv")]
         comparison = self.measures.comparison
         if comparison:
             histories.append(comparison.table())
         if comparison and comparison.records:
             write_profiles(self.directory, comparison.records)
-        return evaluate(self.scene.expect, histories, complete)
+        period = self._period(histories[0])
+        expectations = evaluate(self.scene.expect, histories, complete, period)
+        return {"period": asdict(period) if period else None, "expectations": expectations}
+
+    def _period(self, history):
+        of = self.scene.output.period_of
+        return period_analysis(history["t"], {name: history[name] for name in self.records.columns}, of) if of else None
 
     def _say(self, summary):
         iterations, energy = summary["coupling_iterations"], summary["energy"]
@@ -142,6 +152,7 @@ class _Run:
         for record in summary["errors"]:
             u = "" if record["u"] is None else f"u {record['u']:.2g}, "
             logger.info("error against the exact solution at %g s: %sp %.2g", record["t"], u, record["p"])
+        self._say_period(summary["period"])
         for record in summary["expectations"]:
             where = f"at {record['at']:g} s" if record["at"] is not None else record["statistic"]
             if record["passed"] is None:
@@ -158,6 +169,19 @@ class _Run:
                 "passed" if record["passed"] else "FAILED",
             )
         logger.info("results in %s", self.directory)
+
+    def _say_period(self, period):
+        of = self.scene.output.period_of
+        if of is None:
+            return
+        if period is None:
+            logger.info("%s has no full period", of)
+            return
+        change = "" if period["change"] is None else f", its amplitude {period['change']:.2g} from the one before"
+        logger.info("last period of %s: %.6g s to %.6g s%s", of, period["start"], period["end"], change)
+        for name, signal in period["columns"].items():
+            frequency = "steady" if signal["frequency"] is None else f"{signal['frequency']:.5g} Hz"
+            logger.info("%s: %.6g +- %.6g, %s", name, signal["mean"], signal["amplitude"], frequency)
 
     def _judge(self, summary):
         misses = failed(summary["expectations"])
