@@ -71,6 +71,12 @@ class InterfaceMedium(Medium):
         if self._sees == "trial":
             self.motion.follow(self.solid.end_displacement)
 
+    def start(self, schemes, rates):
+        """Do what `Medium.start` does, and take the mesh back too; its acceleration stays."""
+        u, v = self.solid.u, self.solid.v
+        super().start(schemes, rates)
+        self.motion.set_initial(u, v)
+
     def accept(self):
         """Make the trial states the accepted ones, the mesh where the solid is."""
         if self._sees != "trial":

@@ -6,6 +6,7 @@ from ..errors import ConvergenceError
 from ..fem.domain import Configuration
 from ..kernels import solid as kernel
 from ..stopwatch import timed
+from ..tensors import det_minus_one
 from .transfer import Skeleton
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any coupling tolerance.
@@ -46,10 +47,10 @@ class MeshMotion:
         return self._setup.moving_mesh
 
     def set_initial(self, displacement, velocity):
-        """Set the mesh to a displacement and a velocity of the solid, both (n_local, d); beside the solid it is at rest."""
+        """Set the mesh to displacement and velocity of the solid, both (n_local, d), extended; what is prescribed is at rest."""
         if self.moves:
             self.u = self._extended(displacement, self.u, 0.0)
-            self.v = np.where(self._setup.carried[:, None], velocity, 0.0)
+            self.v = self._extended_rate(velocity)
         self.reset()
 
     def begin_step(self, scheme, t):
@@ -96,23 +97,38 @@ class MeshMotion:
 
         The first increment moves inside and boundary together: the boundary alone would invert the elements behind it.
         """
-        setup, u = self._setup, start.copy()
-        setup.dirichlet.apply(u, t)
-        u[setup.carried] = solid[setup.carried]
-        boundary, u, last = u - start, start.copy(), np.inf
-        free = ~setup.mask[: self.mesh.n_owned]
+        setup, goal = self._setup, start.copy()
+        setup.dirichlet.apply(goal, t)
+        goal[setup.carried] = solid[setup.carried]
+        u, last, free = start, np.inf, ~setup.mask[: self.mesh.n_owned]
         for _ in range(CAP):
             if self._stale:
                 self._assemble(u)
-            forces = self._forces(u, boundary)
+            forces = self._forces(u, np.where(setup.mask, goal - u, 0.0))
             increment = setup.solve(self.solver, np.where(free, -forces, 0.0)) * free
-            u += boundary + self.mesh.halo.extend(increment)
-            boundary = np.zeros_like(u)
+            u = np.where(setup.mask, goal, u + self.mesh.halo.extend(increment))
+            if setup.law.small_strain:
+                return u
+            self._require_upright(u)
             size = self._relative(increment, u)
-            if setup.law.small_strain or size <= TOLERANCE:
+            if size <= TOLERANCE:
                 return u
             self._stale, last = size > SLOW * last, size
         raise ConvergenceError(f"the motion of the mesh did not converge in {CAP} iterations; try a smaller step")
+
+    def _extended_rate(self, solid):
+        """Return the velocity of the mesh for that of the solid (n_local, d), K v = 0 inside with the tangent of `u`."""
+        setup, v = self._setup, np.where(self._setup.carried[:, None], solid, 0.0)
+        if self._stale or not self._setup.law.small_strain:
+            self._assemble(self.u)
+        forces = self._forces(self.u, v) - self._forces(self.u, 0 * v)
+        free = ~setup.mask[: self.mesh.n_owned]
+        return v + self.mesh.halo.extend(setup.solve(self.solver, np.where(free, -forces, 0.0)) * free)
+
+    def _require_upright(self, u):
+        """Raise ConvergenceError where the law has no stress any more, J <= 0 (collective)."""
+        H = kernel.displacement_gradient(self.domain.reference_stiffness.G, self.domain.gather(u))
+        self.domain.require(det_minus_one(H) > -1, "an element is inverted: the boundary of the mesh moves too far for the step")
 
     def _relative(self, increment, u):
         """Return |increment|/|u|, 0 at rest; both (n_owned, d) or longer (collective)."""
