@@ -1,5 +1,7 @@
 """Fluid-structure interaction over an interface: the medium, and its partitioned and monolithic iterations."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from .medium import Medium
@@ -49,9 +51,10 @@ class InterfaceMedium(Medium):
 
     def flow(self, fluid_residuals):
         """Return the fluid's force on the interface, (n_owned, d) [N]."""
-        flow = self.fluid.flow()
-        force = np.where(self._interface, self.fluid.boundary_force(fluid_residuals[0]), 0.0)
-        return type(flow)(flow.velocity, flow.pressure, force)
+        return self._with_force(np.where(self._interface, self.fluid.boundary_force(fluid_residuals[0]), 0.0))
+
+    def _with_force(self, force):
+        return replace(self.fluid.flow(), force=force)
 
     def displacement(self):
         """Return the accepted displacement of solid and mesh, (n_local, d) [m]."""
@@ -124,7 +127,7 @@ class _Sweep(PartitionedMedium):
         before = self.solid.unknowns.copy()
         self.fluid.correct(fluid_residuals, solid_residual.unconstrained - solid_residual.terms["interface"])
         extra = self._conditions.pull(self.fluid, self.solid)
-        solid_residual = self.solid.residual(self.flow(self.fluid.residual(self.carrier())))
+        solid_residual = self.solid.residual(self._with_force(self.fluid.interface_force(self.carrier())))
         self.solid.correct(solid_residual.total + extra)
         if self._sees == "trial" and self._both:
             self.solid.unknowns = self._accelerator.next(before, self.solid.unknowns.copy())

@@ -1,5 +1,7 @@
 """The interstitial fluid: stabilized equal-order velocity and pressure in ALE description, its own KSP, its own state."""
 
+from functools import cached_property
+
 import numpy as np
 
 from ..kernels import exchange, shape
@@ -205,6 +207,24 @@ class FluidPhase:
         """
         return -sum(term for name, term in momentum.terms.items() if name != "traction")
 
+    @timed("residual")
+    def interface_force(self, skeleton):
+        """Return `boundary_force` of the trial state on the interface, (n_owned, d) [N], from the elements that touch it."""
+        domain = self.domain
+        force = np.zeros((domain.n_local, domain.dim))
+        for region, rows in self._beside_interface.items():
+            elements = self._elements(region, rows, skeleton.configuration)
+            momentum, _ = kernel.flow_residual(elements, self._trial_fields(skeleton, rows))
+            np.subtract.at(force, domain.cells[rows], momentum.sum(axis=0))
+        return np.where(self._setup.no_slip[:, None], force, 0.0)[: domain.n_owned]
+
+    @cached_property
+    def _beside_interface(self):
+        """Return region -> rows of the elements that touch the interface."""
+        touching = np.flatnonzero(self._setup.no_slip[self.domain.cells].any(axis=1))
+        slices = self.domain.region_slices.items()
+        return {region: touching[(touching >= span.start) & (touching < span.stop)] for region, span in slices}
+
     @property
     def _doubles_per_cell(self):
         return (self.domain.cells.shape[1] * self.components) ** 2
@@ -214,12 +234,17 @@ class FluidPhase:
             return np.zeros_like(self.v)
         return self.a + self.scheme.alpha_m * (self._a1 - self.a)
 
-    def _trial_fields(self, skeleton):
+    def _trial_fields(self, skeleton, rows=slice(None)):
         level = self._level
-        return self._fields(skeleton, level(self.v, self._v1), self._acceleration(), self._p1, self._b)
+        return self._fields(skeleton, level(self.v, self._v1), self._acceleration(), self._p1, self._b[rows], rows)
 
-    def _fields(self, skeleton, v, a, p, b):
-        gather = self.domain.gather
+    def _fields(self, skeleton, v, a, p, b, rows=slice(None)):
+        """Return the values of nodal fields, and b (E, Q, d), on some rows of the elements, all by default."""
+        cells = self.domain.cells[rows]
+
+        def gather(field):
+            return field[cells]
+
         c = gather(v - skeleton.mesh_velocity)
         return kernel.FlowFields(gather(v), gather(a), c, gather(skeleton.velocity), gather(p), gather(p - self._p0), b)
 
