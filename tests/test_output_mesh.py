@@ -1,5 +1,6 @@
 """Fields, checkpoints, probes, descriptions and figures of small meshes on one rank."""
 
+import dataclasses
 import json
 from types import SimpleNamespace
 
@@ -7,6 +8,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from porofsi_petsc.errors import InputError
@@ -18,6 +20,7 @@ from porofsi_petsc.output.field_plots import colour_scale
 from porofsi_petsc.output.fields import FieldWriter, read_snapshots
 from porofsi_petsc.output.figures import choose_snapshots, make_figures
 from porofsi_petsc.output.history import History
+from porofsi_petsc.output.history_plots import draw_histories
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.probes import Probes
 from porofsi_petsc.output.surface import read_surface, surface_of
@@ -226,6 +229,52 @@ def test_figures_are_made_from_the_files(name, tmp_path, monkeypatch):
     assert [path.name for path in written] == ["pressure.png", "displacement.png", "histories.png", "paths.png"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in written)
     assert not list(tmp_path.glob("*.tmp"))
+
+
+SOLID, FLUID = "solid = { density = 1.0 }", "fluid = { density = 1.0 }"
+PICTURES = {
+    "fluid and solid": ((FLUID, SOLID), {"pressure": "left", "velocity": "left", "displacement": "right"}),
+    "fluid": ((FLUID, FLUID), {"pressure": "both", "velocity": "both"}),
+    "solid": ((SOLID, SOLID), {"displacement": "both"}),
+    "fluid and porous": ((FLUID, f"{FLUID}\n{SOLID}"), {"pressure": "both", "velocity": "left", "displacement": "right"}),
+    "porous": ((f"{FLUID}\n{SOLID}",) * 2, {"pressure": "both", "displacement": "both"}),
+}
+
+
+@pytest.mark.parametrize("case", PICTURES)
+def test_a_field_is_drawn_where_the_medium_has_it(case, tmp_path, monkeypatch):
+    materials, expected = PICTURES[case]
+    serial = serial_mesh("T3")
+    right = (serial.points[serial.cells, 0].mean(axis=1) > 1.0).astype(np.int32)
+    serial = dataclasses.replace(serial, regions=("left", "right"), cell_region=right)
+    mesh = distribute(COMM, serial, np.zeros(len(serial.points), dtype=int))
+    FieldWriter(tmp_path, mesh).write(1, 0.1, fields_of(mesh, 1.0) | {"fluid velocity": mesh.X[: mesh.n_owned]})
+    entries = [f'[[material]]\nregion = ["{name}"]\n{text}' for name, text in zip(serial.regions, materials, strict=True)]
+    (tmp_path / "scene.toml").write_text("\n".join(entries))
+    drawn = {}
+
+    def draw(figure, snapshots, values, surface, label, magnification, backdrop):
+        x = surface.points[surface.nodes, 0]
+        drawn[label[0]] = "both" if np.ptp(x) == 2 else "left" if x.min() == 0 else "right"
+        grey = set() if backdrop is None else {tuple(row) for row in backdrop.triangles}
+        assert not grey & {tuple(row) for row in surface.triangles}
+        assert bool(grey) == (drawn[label[0]] == "left")  # what is left of a fluid; a solid is drawn alone
+
+    monkeypatch.setattr(figures, "draw_field", draw)
+    monkeypatch.setattr(figures, "DPI", 10)
+    assert [path.stem for path in make_figures(tmp_path)] == list(expected)
+    assert list(drawn.values()) == list(expected.values())
+
+
+def test_forces_have_their_panel():
+    columns = ["A.u_x", "body.f_x", "body.f_y"]
+    history = {name: np.array([0.0, 2.0e3]) for name in ("t", *columns, "coupling_iterations")}
+    figure = Figure()
+    draw_histories(figure, history)
+    assert [ax.get_ylabel() for ax in figure.axes] == ["displacement [m]", "force of the fluid [N/m]", "coupling\niterations"]
+    figure = Figure()
+    draw_histories(figure, history | {"body.f_z": history["t"]})
+    assert figure.axes[1].get_ylabel() == "force of the fluid [N]"
 
 
 def test_figures_leave_out_what_has_no_data(tmp_path):

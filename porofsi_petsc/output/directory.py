@@ -16,6 +16,7 @@ WRITTEN = (
     "fields/*.h5",
     "checkpoint*.h5",
     "pressure.png",
+    "velocity.png",
     "displacement.png",
     "histories.png",
     "paths.png",

@@ -8,7 +8,7 @@ from .hdf5 import read_slab
 from .units import plain, scaled_unit, significant
 
 DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the domain
-LARGEST_ASPECT = 6.0  # a domain more slender than this is drawn with unequal scales
+LARGEST_ASPECT = 8.0  # a domain more slender than this is drawn with unequal scales
 WIDTH = 7.2  # [inch], the text width of a journal page
 MESH_LINES_UP_TO = 6000  # triangles; beyond, the lines would cover the colours
 FAINT = 0.4  # a panel whose largest value is below this share of the figure's is hardly seen on a linear colour scale
@@ -74,17 +74,20 @@ def colour_scale(values, unit):
     return Scale(name, factor, low, high if high > low else low + 1.0, "YlGnBu" if high > 0 else "YlGnBu_r", root)
 
 
-def draw_field(figure, snapshots, values, surface, label, magnification):
+def draw_field(figure, snapshots, values, surface, label, magnification, backdrop=None):
     """Draw the field at the snapshots in one panel each.
 
-    figure : empty matplotlib Figure.  values : list of (N,) in SI.  label : (text, SI unit).
+    figure : empty matplotlib Figure.  values : list of (N,) in SI.  label : (text, SI unit).  backdrop : the Surface of what has
+    no such field, grey in a plane picture.
     """
     scale = colour_scale([v[surface.nodes] for v in values], label[1])
-    rows, columns, equal = _arrange(figure, len(snapshots), surface)
+    deformed = [surface.points + magnification * displacement(s, surface) for s in snapshots]
+    rows, columns, equal = _arrange(figure, surface, deformed)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    for ax, snapshot, value in zip(axes.flat, snapshots, values, strict=False):
-        deformed = surface.points + magnification * displacement(snapshot, surface)
-        artist = _draw_panel(ax, surface, deformed, value * scale.factor, scale)
+    for ax, snapshot, value, points in zip(axes.flat, snapshots, values, deformed, strict=False):
+        artist = _draw_panel(ax, surface, points, value * scale.factor, scale)
+        if backdrop is not None and backdrop.dim == 2:
+            _draw_backdrop(ax, backdrop, points)
         ax.set_title(f"$t$ = {snapshot.time:.4g} s")
         ax.set_aspect("equal" if equal else "auto")
     for ax in axes.flat[len(snapshots) :]:
@@ -104,9 +107,10 @@ def _caption(magnification, equal, surface):
     return text if equal else text + "; axes not to the same scale"
 
 
-def _arrange(figure, n, surface):
-    """Set the size of the figure; return rows, columns and whether both axes have the same scale."""
-    seen = surface.project(surface.points[surface.nodes])[0]
+def _arrange(figure, surface, deformed):
+    """Set the size of the figure of n panels; return rows, columns and whether both axes have the same scale."""
+    n = len(deformed)
+    seen = np.concatenate([surface.project(points[surface.nodes])[0] for points in (surface.points, *deformed)])
     width, height = np.ptp(seen, axis=0)
     aspect = height / width
     equal = 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
@@ -134,10 +138,17 @@ def _draw_panel(ax, surface, deformed, values, scale):
 
 
 def _draw_plane(ax, surface, deformed, values, colours):
-    x, y = deformed.T
-    if len(surface.triangles) <= MESH_LINES_UP_TO:
-        ax.triplot(x, y, surface.triangles, color="k", linewidth=0.15, alpha=0.35, zorder=2)
-    return ax.tripcolor(x, y, surface.triangles, values, shading="gouraud", rasterized=True, **colours)
+    x, y = deformed[surface.nodes].T
+    triangles = np.searchsorted(surface.nodes, surface.triangles)  # other nodes would count in the limits of the axes
+    if len(triangles) <= MESH_LINES_UP_TO:
+        ax.triplot(x, y, triangles, color="k", linewidth=0.15, alpha=0.35, zorder=2)
+    return ax.tripcolor(x, y, triangles, values[surface.nodes], shading="gouraud", rasterized=True, **colours)
+
+
+def _draw_backdrop(ax, backdrop, deformed):
+    from matplotlib.collections import PolyCollection
+
+    ax.add_collection(PolyCollection(deformed[backdrop.triangles], facecolors="0.6", edgecolors="0.6", linewidths=0.2, zorder=2))
 
 
 def _draw_solid(ax, surface, deformed, values, colours):

@@ -1,5 +1,7 @@
 """The figures of a run, made from its result directory alone."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from .history import read_history
 from .history_plots import draw_histories, draw_paths
 from .profiles import NAME as PROFILES
 from .profiles import draw_profiles, read_profiles
-from .surface import read_surface
+from .surface import read_regions, read_surface
 
 STYLE = {
     "font.size": 9,
@@ -38,49 +40,92 @@ PANELS_WITHOUT_TIMES = 4
 def make_figures(directory):
     """Draw the figures of a run into its directory; return the paths written.
 
-    They are pressure.png, displacement.png, histories.png, paths.png and reference.png; those without data (no fields or no
-    history written, no path or no reference asked for) are left out.  On the calling rank only.
+    They are pressure.png, velocity.png, displacement.png, histories.png, paths.png and reference.png; those without data (no
+    fields or no history written, no path or no reference asked for, no free fluid) are left out.  On the calling rank only.
     Raises InputError when the directory is not a result directory.
     """
     directory = Path(directory)
-    settings = _settings(directory)
-    return _field_figures(directory, settings) + _history_figures(directory, settings) + _reference_figure(directory)
+    scene = _scene(directory)
+    settings = scene.get("figures", {})
+    return _field_figures(directory, scene, settings) + _history_figures(directory, settings) + _reference_figure(directory)
 
 
-def _settings(directory):
+def _scene(directory):
     scene = directory / "scene.toml"
     if not scene.is_file():
         raise InputError(f"{directory}: no scene.toml there, expected the result directory of a run; give the DIR of porofsi run")
-    return parse_toml(scene.read_text(encoding="utf-8")).get("figures", {})
+    return parse_toml(scene.read_text(encoding="utf-8"))
 
 
-def _field_figures(directory, settings):
+def _field_figures(directory, scene, settings):
     snapshots = choose_snapshots(read_snapshots(directory), settings.get("times", []))
     if not snapshots or not (directory / FOLDER / "mesh.h5").is_file():
         return []
-    surface = read_surface(directory, settings.get("cut"))
-    magnification = settings.get("deformation_scale") or deformation_scale(snapshots, surface)
-    written = []
-    for name, (values_of, label) in FIELDS.items():
-        if all(name in s.shapes for s in snapshots):
-            values = [values_of(s, surface) for s in snapshots]
-            path = directory / f"{name}.png"
-            written.append(save_figure(path, draw_field, snapshots, values, surface, label, magnification))
+    media, cut, written = media_of(scene, read_regions(directory)), settings.get("cut"), []
+    for picture in PICTURES:
+        shown = [region for region, medium in media.items() if medium in picture.media]
+        if shown and all(picture.field in s.shapes for s in snapshots):
+            surface = read_surface(directory, cut, shown)
+            rest = media.keys() - set(shown) if picture.with_solid else None
+            backdrop = read_surface(directory, cut, rest) if rest else None
+            magnification = settings.get("deformation_scale") or deformation_scale(snapshots, surface)
+            values = [picture.values(s, surface) for s in snapshots]
+            path, label = directory / f"{picture.name}.png", (picture.text(media), picture.unit)
+            written.append(save_figure(path, draw_field, snapshots, values, surface, label, magnification, backdrop))
     return written
+
+
+def media_of(scene, regions):
+    """Return region -> "porous", "fluid" or "solid" by the materials of a scene (dict of its TOML)."""
+    found = dict.fromkeys(regions, "porous")
+    for material in scene.get("material", []):
+        medium = "porous" if material.get("solid") and material.get("fluid") else "fluid" if material.get("fluid") else "solid"
+        named = material["region"]
+        found |= {region: medium for region in regions if region in named or named in ("all", ["all"])}
+    return found
 
 
 def _pressure(snapshot, surface):
     return read_slab(snapshot.path, "pressure")
 
 
+def _speed(snapshot, surface):
+    return np.linalg.norm(read_slab(snapshot.path, "fluid velocity"), axis=1)
+
+
 def _magnitude(snapshot, surface):
     return np.linalg.norm(displacement(snapshot, surface), axis=1)
 
 
-FIELDS = {
-    "pressure": (_pressure, ("pore pressure", "Pa")),
-    "displacement": (_magnitude, ("displacement magnitude", "m")),
-}
+@dataclass(frozen=True)
+class Picture:
+    """A field drawn where the media have it.
+
+    values : (snapshot, surface) -> (N,) in SI; words : label by medium; with_solid : what is left of the mesh is drawn in grey
+    """
+
+    name: str
+    field: str
+    values: Callable
+    unit: str
+    words: dict
+    with_solid: bool
+
+    @property
+    def media(self):
+        """Return the media it is drawn in."""
+        return self.words.keys()
+
+    def text(self, media):
+        """Return the label: that of the first of its media that the mesh has."""
+        return next(text for medium, text in self.words.items() if medium in media.values())
+
+
+PICTURES = (
+    Picture("pressure", "pressure", _pressure, "Pa", {"fluid": "pressure", "porous": "pore pressure"}, True),
+    Picture("velocity", "fluid velocity", _speed, "m/s", {"fluid": "speed of the fluid"}, True),
+    Picture("displacement", "displacement", _magnitude, "m", dict.fromkeys(("porous", "solid"), "displacement magnitude"), False),
+)
 
 
 def choose_snapshots(snapshots, times):

@@ -13,12 +13,17 @@ KINDS = {  # symbol in front of the component: what it is, SI unit
     "vf": ("fluid velocity", "m/s"),
     "p": ("pore pressure", "Pa"),
     "n": ("porosity", ""),
+    "f": ("force of the fluid", "N"),
 }
-SYMBOLS = {"p": "p", "n_f": "n_f"} | {
-    f"{kind}_{axis}": f"{symbol}_{{{index}{axis}}}"
-    for kind, symbol, index in (("u", "u", ""), ("v", "v", "s,"), ("vf", "v", "f,"))
-    for axis in "xyz"
-}
+SYMBOLS = (
+    {"p": "p", "n_f": "n_f"}
+    | {f"f_{axis}": f"f_{axis}" for axis in "xyz"}
+    | {
+        f"{kind}_{axis}": f"{symbol}_{{{index}{axis}}}"
+        for kind, symbol, index in (("u", "u", ""), ("v", "v", "s,"), ("vf", "v", "f,"))
+        for axis in "xyz"
+    }
+)
 
 
 def kinds_of(history):
@@ -53,9 +58,11 @@ def draw_histories(figure, history):
 
 def _draw_kind(ax, history, kind, columns):
     text, unit = KINDS[kind]
-    factor, unit = _unit(history, columns, unit)
+    per_thickness = kind == "f" and not any(quantity(column) == "f_z" for column in columns)
+    factor, unit = _unit(history, columns, f"{unit}/m" if per_thickness else unit)
+    where = "on" if kind == "f" else "at"
     for column, style in zip(columns, cycle(["-", "--", "-.", ":"]), strict=False):
-        ax.plot(history["t"], factor * history[column], style, label=f"${SYMBOLS[quantity(column)]}$ at {probe(column)}")
+        ax.plot(history["t"], factor * history[column], style, label=f"${SYMBOLS[quantity(column)]}$ {where} {probe(column)}")
     if kind != "n":
         ax.axhline(0.0, color="0.6", linewidth=0.5, zorder=0)
     ax.set_ylabel(f"{text} [{unit}]" if unit else text)

@@ -41,8 +41,8 @@ class Surface:
 
     @property
     def size(self):
-        """Return the largest extent of the domain [m]."""
-        return np.ptp(self.points, axis=0).max()
+        """Return the largest extent of what is drawn [m]."""
+        return np.ptp(self.points[self.nodes], axis=0).max()
 
     def project(self, points):
         """Return picture coordinates (N, 2) [m] and depth toward the eye (N,) of points (N, d); parallel projection in 3-D."""
@@ -54,12 +54,20 @@ class Surface:
         return seen[:, :2], seen[:, 2]
 
 
-def read_surface(directory, cut=None):
-    """Return the Surface of the mesh written in a result directory; cut as in `surface_of`."""
+def read_regions(directory):
+    """Return the names of the regions of the mesh written in a result directory."""
+    return list(read_attributes(directory / FOLDER / "mesh.h5")[0]["regions"])
+
+
+def read_surface(directory, cut=None, regions=None):
+    """Return the Surface of the mesh written in a result directory, of some of its regions or all; cut as in `surface_of`."""
     path = directory / FOLDER / "mesh.h5"
     element = ELEMENTS[read_attributes(path)[0]["element"]]
-    points = read_slab(path, "points")[:, : element.dim]
-    return surface_of(points, read_slab(path, "cells"), element, cut)
+    points, cells = read_slab(path, "points")[:, : element.dim], read_slab(path, "cells")
+    if regions is not None:
+        chosen = [i for i, name in enumerate(read_regions(directory)) if name in regions]
+        cells = cells[np.isin(read_slab(path, "region"), chosen)]
+    return surface_of(points, cells, element, cut)
 
 
 def surface_of(points, cells, element, cut=None):
