@@ -96,15 +96,15 @@ class Outcome:
 def solve(case, direct, petsc="", steps=2):
     """Advance the coupling of a case and return its `Outcome`; direct : the default solvers are factorizations."""
     options.start(petsc)
-    from porofsi_petsc.simulation import build
+    from porofsi_petsc.simulation import setups
 
     scene = case.scene(steps)
     mesh = local_mesh(scene, MPI.COMM_WORLD)
-    chosen, build._is_direct = build._is_direct, lambda mesh: direct
+    chosen, setups.is_direct = setups.is_direct, lambda mesh: direct
     try:
         coupling = build_coupling(scene, mesh, Stopwatch())
     finally:
-        build._is_direct = chosen
+        setups.is_direct = chosen
     clock, iterations = Clock(scene.time), []
     for step in range(steps):
         schemes, rates = clock.schemes(scene.model, case.dt)

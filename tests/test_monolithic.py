@@ -9,7 +9,7 @@ from porofsi_petsc import list_scenes, load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.phases.solid import SolidPhase
-from porofsi_petsc.simulation import build
+from porofsi_petsc.simulation import build, setups
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.stopwatch import Stopwatch
 
@@ -116,7 +116,7 @@ def test_a_restart_goes_on_identically(tmp_path, scene, overrides, scheme):
 def solver_iterations(monkeypatch, scene, *overrides):
     """Return the iterations of every solve of a step by FGMRES around a sweep over the phases, whose blocks are iterative too."""
     start()
-    monkeypatch.setattr(build, "_is_direct", lambda mesh: False)
+    monkeypatch.setattr(setups, "is_direct", lambda mesh: False)
     loaded = load_scene(scene, (*overrides, "coupling.scheme=direct"))
     coupling = build.build_coupling(loaded, build.local_mesh(loaded, MPI.COMM_SELF), Stopwatch())
     schemes, rates = Clock(loaded.time).next_schemes(loaded.model)

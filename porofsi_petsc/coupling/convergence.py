@@ -16,6 +16,8 @@ BLIND = 1e-2
 # A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py),
 # but at large strain a new one is worth it before: Anderson takes up to 13 sweeps in the coupling study with 0.45, 12 with 0.35.
 SLOW, WARM_UP = 0.35, 4
+# Where the iterations of a step fall no further below this, their tolerance asks for more digits than there are.
+STALL = 1e-6
 
 
 class Convergence:
@@ -38,7 +40,7 @@ class Convergence:
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
 
         drag : the force S v_f or S c_v u [N], whose round-off the momentum residuals have; ConvergenceError where it drowns them
-        cancelling : field -> norm of what cancels inside its terms, whose round-off is all that a uniform flow has
+        cancelling : field -> norm of what cancels inside its terms, whose round-off is all that is left of a uniform flow
         """
         errors = {}
         for field, (_, force) in norms.items():
@@ -75,10 +77,19 @@ class Convergence:
         errors = [max(errors.values()) for errors in self.history[-3:]]
         return len(self.history) > WARM_UP and errors[-1] > SLOW**2 * errors[0]
 
+    @property
+    def _stalled(self):
+        """Return whether the residual is small and has not fallen in the second half of the iterations."""
+        errors = [max(errors.values()) for errors in self.history]
+        half = len(errors) // 2
+        return half > 0 and errors[-1] < STALL and min(errors[half:]) > 0.5 * min(errors[:half])
+
     def failure(self, t, step, advice):
         """Return the ConvergenceError of a step that reached its cap."""
         last = self.history[-1]
         worst = max(last, key=last.get)
+        if self._stalled:
+            advice = f"it falls no further, which is round-off; raise coupling.tolerance above {last[worst]:.0e}"
         trail = ", ".join(f"{max(errors.values()):.1e}" for errors in self.history[:: max(1, len(self.history) // 8)])
         return ConvergenceError(
             f"coupling did not converge at t = {t:g} s (step {step}): {len(self.history) - 1} iterations, "

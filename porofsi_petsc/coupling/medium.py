@@ -41,8 +41,9 @@ class Medium:
             fluid_residuals = self.fluid.residual(self.carrier())
             solid_residual = self.solid.residual(self.flow(fluid_residuals))
             drag = self.fluid.drag_scale(self.carrier(), rates)
-            cancelling = self.fluid.cancelling(self.carrier(), rates)
+            cancelling = self.fluid.cancelling(self.carrier(), rates) | self.solid.cancelling()
             if self.convergence.reached(_norms(fluid_residuals, solid_residual), drag, cancelling):
+                self.solid.require_upright()
                 self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
                 return
             if iteration < self._cap:
