@@ -1,4 +1,4 @@
-"""What the mesh scripts share: naming, writing and judging a plane mesh of the gmsh module (pip install .[mesh])."""
+"""What the mesh scripts share: naming and writing a mesh, judging a plane one of the gmsh module (pip install .[mesh])."""
 
 import argparse
 from pathlib import Path
@@ -22,11 +22,11 @@ def name_groups(dim, groups):
         gmsh.model.addPhysicalGroup(dim, members, name=name)
 
 
-def write(order, path):
-    """Mesh the model in triangles of the order and write what is named."""
+def write(order, path, dim=2):
+    """Mesh the model in triangles or tetrahedra of the order and write what is named."""
     gmsh.option.setNumber("Mesh.ElementOrder", order)
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.generate(dim)
     path.parent.mkdir(parents=True, exist_ok=True)
     gmsh.write(str(path))
 

@@ -131,7 +131,8 @@ class FluidSetup(PhaseSetup):
     no_slip : (n_local,) bool, nodes with v_f = v_s; stress_nodes : (n_local,) bool, nodes where the pressure and the total
     stress are prescribed and so the auxiliary field s is known; free_surface : elements (F,) and terms (F, A, A) of the
     surfaces whose normal displacement is free while no pressure is prescribed, where s vanishes weakly;
-    robin : of an interface on which α v_f is added to the traction: its nodes are without slip at the end of a sweep only
+    robin : of an interface on which α v_f is added to the traction: its nodes are without slip at the end of a sweep only;
+    held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every sweep
     """
 
     velocity: Dirichlet
@@ -148,6 +149,7 @@ class FluidSetup(PhaseSetup):
     lsic: bool
     undrained: bool
     robin: InterfaceMass | None = None
+    held: np.ndarray | None = None
 
     @property
     def viscous(self):
@@ -168,11 +170,14 @@ class FluidSetup(PhaseSetup):
 
     @cached_property
     def solver_mask(self):
-        """Return `mask` as the solver sees it: with a Robin condition the velocity of the interface is unknown."""
+        """Return `mask` as the solver sees it: with a Robin condition the velocity of the interface is unknown.
+
+        Not where the solid is held: what it takes there is no balance of solid and fluid, but the reaction of a support.
+        """
         if self.robin is None:
             return self.mask
         mask = self.mask.copy()
-        mask[:, : self.domain.dim] = self.velocity.mask
+        mask[:, : self.domain.dim] = self.velocity.mask | (self.held & self.no_slip[:, None])
         return mask
 
     def velocity_free(self, owned):

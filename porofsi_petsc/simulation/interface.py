@@ -26,15 +26,17 @@ def interface_medium(scene, mesh, stopwatch):
     setups = builder.solid(), builder.fluid(), builder.motion()
     solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
     motion = MeshMotion(setups[2], fluid.domain, scene.model.viscosity)
-    initial, choice = scene.initial, scene.coupling
+    initial, choice, conditions = scene.initial, scene.coupling, builder.conditions()
     displacement, velocity = (nodal_field(mesh, v) for v in (initial.displacement, initial.solid_velocity))
     solid.set_initial(displacement, velocity)
     motion.set_initial(solid.u, solid.v)
     pressure = initial.pressure(0.0, mesh.X) if initial.pressure else None
-    fluid.set_initial(nodal_field(mesh, initial.fluid_velocity), pressure)
+    sticking = np.where(builder.interface[:, None], velocity, nodal_field(mesh, initial.fluid_velocity))
+    fluid.set_initial(sticking, pressure)
 
     def accelerator(dot):
-        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARD, choice.reuse_steps)
+        first = conditions.first_factor if choice.relaxation is None else choice.relaxation
+        return ACCELERATORS[choice.accelerator](dot, first, GUARD, choice.reuse_steps)
 
     medium = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
     both = {"motion": motion, "interface": builder.interface}
@@ -42,7 +44,7 @@ def interface_medium(scene, mesh, stopwatch):
         mixture = InterfaceMixture(solid, fluid, motion, setups, builder.interface, choice.scheme == "direct")
         return InterfaceMonolithic(*medium, mixture, **both)
     medium = *medium, accelerator, choice.tangent == "newton"
-    return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=builder.conditions(), **both)
+    return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=conditions, **both)
 
 
 class _Builder:
@@ -129,15 +131,16 @@ class _Builder:
             lsic=stabilization.lsic,
             undrained=False,
             robin=None if self._pair == "dirichlet_neumann" else self._masses[0],
+            held=self._dirichlet("displacement", self._solid_tags).mask,
             **self._common,
         )
 
     def conditions(self):
         """Return the `coupling.robin.Conditions` of the interface."""
         choice = self.scene.coupling
-        if self._pair == "dirichlet_neumann":
-            return Conditions(self._pair, None, choice.robin, self._masses)
         mesh, mass, power = self.mesh, self._masses[0], 1 / (self.mesh.dim - 1)
+        if not mass.area:
+            return Conditions(self._pair, None, choice.robin, self._masses)
         volume, modulus, rho_s = self._means(self._solid_domain, lambda m: (m.elastic.oedometer_modulus, m.rho_s))
         _, rho_f = self._means(self._fluid_domain, lambda m: (m.rho_fR,))
         facets = mesh.comm.allreduce(int(self._fluid_domain.owned[mass.rows].sum()))

@@ -1,0 +1,98 @@
+"""Conditions on an interface: impedances, first relaxation, and that all pairs end in the same step."""
+
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from porofsi_petsc.config import Scene
+from porofsi_petsc.coupling.robin import Conditions, Interface, fluid_impedance, solid_impedance
+from porofsi_petsc.phases.transfer import Rates
+from porofsi_petsc.studies.trial import attempt
+
+RATES = Rates(c_f=200.0, c_v=200.0, c_a=4e4)
+LAYER = Interface(modulus=1e6, rho_s=1200.0, rho_f=1000.0, thickness=1e-3, extent=0.1, facet=1e-3)
+HELD = {"x": 0.0, "y": 0.0}
+
+
+def test_a_thin_layer_is_its_mass_and_a_thick_one_a_wave():
+    """tanh(x) = x - x³/3: a layer of 1/100 of the way of a wave within the step differs by 3e-5 from its mass."""
+    way = sqrt(1e6 / (1200.0 * RATES.c_a))
+    thin = solid_impedance(1e6, 1200.0, way / 100, RATES)
+    assert thin == pytest.approx(1200.0 * way / 100 * RATES.c_a / RATES.c_v, rel=1e-4)
+    assert solid_impedance(1e6, 1200.0, 20 * way, RATES) == pytest.approx(sqrt(1e6 * 1200.0 * RATES.c_a) / RATES.c_v, rel=1e-12)
+
+
+def test_the_first_relaxation_balances_the_waves_with_and_without_added_mass():
+    factor = Conditions("dirichlet_neumann", LAYER, "auto", None).first_factor
+    ratio = LAYER.mass_ratio
+    assert ratio * LAYER.rho_s * LAYER.thickness * RATES.c_f == pytest.approx(fluid_impedance(1000.0, 0.1 / np.pi, RATES))
+    assert abs(1 - factor * (1 + ratio)) == pytest.approx(1 - factor, rel=1e-12)
+    assert Conditions("dirichlet_neumann", replace(LAYER, rho_f=0.0), "auto", None).first_factor == 1
+    assert Conditions("robin_neumann", LAYER, "auto", None).first_factor is None
+
+
+def channel(pair, **changes):
+    """Return a channel with an elastic wall that is clamped at its ends, pushed by a pressure at its inlet, both ends open."""
+    axes = {"x": {"points": [0.0, 0.1], "cells": [8]}, "y": {"points": [0.0, 0.02, 0.022], "cells": [3, 1]}}
+    patches = [{"name": f"wall_{side}", "side": side, "y": [0.02, 0.022]} for side in ("left", "right")]
+    regions = [{"name": "wall", "y": [0.02, 0.022]}]
+    tables = {
+        "title": "channel with an elastic wall",
+        "mesh": {"kind": "rectangle", "order": 2, **axes, "patches": patches, "regions": regions},
+        "model": {"convection": True, "viscosity": True, "moving_mesh": True},
+        "time": {"step": 1e-3, "end": 2e-3},
+        "material": [
+            {"region": "body", "fluid": {"density": 1000.0, "viscosity": 1e-2}},
+            {"region": "wall", "solid": {"law": "neo_hookean", "young": 1e6, "poisson": 0.3, "density": 1200.0}},
+        ],
+        "boundary": [
+            {"on": "left", "traction": {"x": 100.0}},
+            {"on": ["right", "top"]},
+            {"on": ["wall_left", "wall_right"], "displacement": HELD},
+            {"on": "bottom", "velocity": HELD},
+        ],
+        "coupling": {"interface": pair, "accelerator": "iqn_ils", "tolerance": 1e-11, "max_iterations": 80},
+    }
+    return Scene.model_validate(tables | changes)
+
+
+def end_state(scene):
+    """Return u of the solid, v_f and p at the end of a run, in one vector per field."""
+    found = {}
+
+    def watcher(coupling):
+        def watch(clock, coupling, energy):
+            found["u"] = np.where(coupling.solid.domain.holds[:, None], coupling.solid.u, 0.0)
+            found["v"], found["p"] = coupling.fluid.v.copy(), coupling.fluid.p.copy()
+
+        return watch
+
+    outcome = attempt(scene, watcher)
+    assert outcome.failure == ""
+    return found
+
+
+@pytest.mark.parametrize("pair", ["robin_neumann", "robin_robin"])
+def test_all_pairs_end_in_the_same_step_where_the_wall_is_clamped(pair):
+    """The fluid sticks to a node that a support holds: the reaction of the support is no part of the balance of the two."""
+    expected, found = end_state(channel("dirichlet_neumann")), end_state(channel(pair))
+    for name, field in expected.items():
+        error = np.abs(found[name] - field).max() / np.abs(field).max()
+        print(f"{pair} {name}: {error:.1e}")
+        assert error < 1e-8  # the tolerance 1e-11 of the forces times the condition of a step
+    assert expected["u"].max() > 1e-8
+
+
+def test_the_fluid_sticks_to_the_solid_from_the_start():
+    initial = {"solid_velocity": {"y": "0.01*x*(0.1 - x)"}, "fluid_velocity": {"x": 0.5}}
+    start = []
+
+    def watcher(coupling):
+        start.append((coupling.fluid.v.copy(), coupling.solid.v.copy(), coupling._interface[:, 0]))
+        return lambda clock, coupling, energy: None
+
+    attempt(channel("robin_robin", initial=initial, time={"step": 1e-3, "end": 1e-3}), watcher)
+    v_f, v_s, interface = start[0]
+    assert interface.any() and np.array_equal(v_f[interface], v_s[interface]) and v_f.max() == 0.5
