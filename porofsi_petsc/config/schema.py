@@ -126,8 +126,11 @@ class Scene(Table):
         for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
             if getattr(self.model, term) == "auto":
                 raise wrong("received 'auto' without porous materials, expected true or false", f"model.{term}")
+        self._check_viscosity()
         if any(material.kind == "porous" for material in self.material):
             self._check_pores_beside_fluid()
+        else:
+            self._check_no_porosity()
         if self.coupling.interface != "dirichlet_neumann":
             if self.phases != (True, True):
                 text = "expected a solid and a free fluid, between which it stands; leave it out"
@@ -143,6 +146,18 @@ class Scene(Table):
             for name in sorted({"pressure", "flux", "no_slip"} & set(boundary.given())):
                 advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
                 raise wrong(f"received one without porous materials; {advice}", f"boundary.{i}.{name}")
+
+    def _check_viscosity(self):
+        """Refuse a free fluid whose viscosity would not be used: without it no wall holds the flow."""
+        for i, material in enumerate(self.material):
+            if material.kind == "fluid" and material.fluid.viscosity and not self.model.viscosity:
+                received = f"received false with a free fluid of material.{i}.fluid.viscosity = {material.fluid.viscosity:g} Pa s"
+                raise wrong(f"{received}, expected true, or a fluid without viscosity", "model.viscosity")
+
+    def _check_no_porosity(self):
+        for i, probe in enumerate(self.probe):
+            if "n_f" in probe.quantities:
+                raise wrong("received 'n_f' without porous materials; leave it out", f"probe.{i}.quantities")
 
     def _check_pores_beside_fluid(self):
         """Refuse what a porous solid that a free fluid flows through does not have."""

@@ -78,6 +78,11 @@ class Convergence:
         return len(self.history) > WARM_UP and errors[-1] > SLOW**2 * errors[0]
 
     @property
+    def falling(self):
+        """Return whether the residuals of the step have fallen at all, to a tenth of the forces at least."""
+        return min(max(errors.values()) for errors in self.history) < 0.1
+
+    @property
     def _stalled(self):
         """Return whether the residual is small and has not fallen in the second half of the iterations."""
         errors = [max(errors.values()) for errors in self.history]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..errors import ConvergenceError
 from .medium import Medium
 from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium
@@ -138,6 +139,21 @@ class _Sweep(PartitionedMedium):
 
 class InterfaceCoupling(InterfaceMedium, _Sweep):
     """The partitioned iteration: Dirichlet-Neumann, Robin-Neumann, Robin-Robin or Neumann-Dirichlet, strong, weak or one-way."""
+
+    advice = (
+        'try coupling.accelerator = "iqn_ils", coupling.interface = "robin_neumann" or coupling.scheme = "direct" '
+        "(a smaller step makes an added mass larger, not smaller)"
+    )
+
+    def step(self, schemes, rates, t, step):
+        """Do what `Medium.step` does; where an element is inverted by sweeps that do not converge, say so."""
+        try:
+            super().step(schemes, rates, t, step)
+        except ConvergenceError as error:
+            if self.convergence.history and not self.convergence.falling and self.advice not in str(error):
+                what = str(error).rpartition("; ")[0]
+                raise ConvergenceError(f"the sweeps of step {step} do not converge: {what}; {self.advice}") from None
+            raise
 
 
 class InterfaceMonolithic(InterfaceMedium, MonolithicCoupling):

@@ -10,6 +10,7 @@ from ..output.fields import FieldWriter
 from ..output.history import History
 from ..output.probes import Probes
 from .setups import nodes_of
+from .sides import check_probes
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -24,6 +25,7 @@ class Records:
         self.progress = self._history = self._fields = None
         self._mesh = coupling.solid.mesh
         self._probes = Probes(self._mesh, [(probe.name, probe.at) for probe in scene.probe])
+        check_probes(scene, self._probes, coupling.fluid.domain)
         self._surfaces = [nodes_of(self._mesh, force.on)[: self._mesh.n_owned] for force in scene.force]
         self._last_checkpoint = time.monotonic()
 

@@ -27,6 +27,7 @@ from .records import Records
 from .report import summarize
 from .restart import resume
 from .setups import materials_of
+from .sides import check_probes
 
 
 def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
@@ -199,7 +200,7 @@ def check(scene):
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     coupling = build_coupling(scene, mesh, Stopwatch())
     Measures(scene, coupling, materials_of(scene, mesh))
-    Probes(mesh, [(probe.name, probe.at) for probe in scene.probe])
+    check_probes(scene, Probes(mesh, [(probe.name, probe.at) for probe in scene.probe]), coupling.fluid.domain)
     tags = ", ".join(sorted(mesh.facets))
     unknowns = mesh.n_global * (2 * mesh.dim + 1)
     return (

@@ -1,10 +1,12 @@
-"""What solids and free fluids ask of the surfaces of a scene: each lies on the solid, on the fluid, on both or between them."""
+"""What solids and free fluids ask of the places of a scene: a surface or a probe is on one of them, on both or between."""
 
 import numpy as np
 
 from ..errors import InputError
 from ..mesh.check import require_tags
 from ..mesh.topology import locate_facets
+
+WET = 1e-6  # a point this near to the fluid, in elements, is on the interface: far above the round-off of its coordinates
 
 
 def check_sides(scene, mesh, kinds, where):
@@ -72,3 +74,14 @@ def _check_forces(scene, mesh, sides, where):
         for tag in force.on:
             if sides[tag] == {"solid"}:
                 raise InputError(f"{place}: tag '{tag}' is on the solid, expected a surface of the fluid, whose force it is")
+
+
+def check_probes(scene, probes, fluid):
+    """Raise InputError where a probe of the flow is not in the fluid; fluid : the fluid's `fem.Domain` (collective)."""
+    wet = probes.evaluate(fluid.holds[:, None].astype(float))[:, 0]
+    for i, probe in enumerate(scene.probe):
+        dry = [name for name in probe.quantities if name == "p" or name.startswith("vf_")]
+        if dry and wet[i] < 1 - WET:
+            place = ", ".join(f"{c:g}" for c in probe.at)
+            text = f"received {dry[0]} at ({place}) m in the solid, expected a point of the fluid; move the probe or leave it out"
+            raise InputError(f"{scene.source_path or 'scene'} [probe.{i}]: {text}")
