@@ -36,12 +36,17 @@ def shortened(path):
     return (*coarse, f"time.end={min(end, scene.time.end)}", "expect=[]", "figures.times=[]")
 
 
-CASES = {name: (str(path), shortened(path)) for name, _, path in list_scenes()} | VARIANTS
+def is_strong(path):
+    """Return whether a scene asks for the solution of all equations together, which the weak schemes do not have."""
+    return load_scene(path).coupling.scheme not in ("weak", "one_way")
+
+
+CASES = {name: (str(path), shortened(path)) for name, _, path in list_scenes() if is_strong(path)} | VARIANTS
 
 
 def end_states(scene, overrides, **schemes):
     """Return scheme name -> the arrays of the phases after some steps of a scene on this rank alone."""
-    start()
+    start(load_scene(scene).petsc.options)
     states = {}
     for name, changes in schemes.items():
         loaded = load_scene(scene, (*overrides, *TIGHT, *changes))

@@ -141,8 +141,8 @@ class InterfaceCoupling(InterfaceMedium, _Sweep):
     """The partitioned iteration: Dirichlet-Neumann, Robin-Neumann, Robin-Robin or Neumann-Dirichlet, strong, weak or one-way."""
 
     advice = (
-        'try coupling.accelerator = "iqn_ils", coupling.interface = "robin_neumann" or coupling.scheme = "direct" '
-        "(a smaller step makes an added mass larger, not smaller)"
+        'try coupling.accelerator = "iqn_ils", coupling.tangent = "newton", coupling.interface = "robin_neumann" '
+        'or coupling.scheme = "direct" (against an added mass a smaller step does not help)'
     )
 
     def step(self, schemes, rates, t, step):
