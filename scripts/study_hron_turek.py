@@ -151,10 +151,13 @@ def limits_table(rows, expectations):
         for expectation in expectations:
             name = quantity(expectation)
             values = [float(row[name]) for row in rows if row["order"] == order and row[name]]
+            if len(values) < 3:
+                continue
             q, limit = limits(values)
             found = ["none", ""] if q is None else [f"{limit:.7g}", f"{100 * error(limit, expectation):.2g} %"]
             body.append([f"P{order}", in_words(name), "none" if q is None else f"{q:.2f}", *found])
-    return markdown(["element", "quantity", "observed order", "extrapolated", "error"], body)
+    header = ["element", "quantity", "observed order", "extrapolated", "error"]
+    return markdown(header, body) if body else "fewer than three levels"
 
 
 def published(case):
