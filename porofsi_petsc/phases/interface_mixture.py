@@ -60,7 +60,8 @@ class InterfaceMixture:
         self._matrix.assemble()
         self.assemblies += 1
         if self.solver is None:
-            self.solver = LinearSolver(self._matrix.mat, self.prefix, mixture_defaults(self._setup.direct))
+            # a factorization in 3-D too: this matrix has no preconditioner of its own yet
+            self.solver = LinearSolver(self._matrix.mat, self.prefix, mixture_defaults(direct=True))
         self.solver.update()
 
     def _fill(self, values, rates):
