@@ -38,7 +38,13 @@ def flow_chunk(element, rng, mu, convection):
     X = distorted(element, rng)
     rule = Rule.of(element, 2 * element.order)
     E, Q, A, d = len(X), len(rule.weights), element.nodes, element.dim
-    points = lambda: 0.5 + rng.random((E, Q))  # noqa: E731
+
+    def points():
+        return 0.5 + rng.random((E, Q))
+
+    def nodal(*shape):
+        return rng.standard_normal((E, A, *shape))
+
     current, second, grad_n = geometry(rule, X), None, None
     if mu and element.order == 2:
         second, grad_n = SecondDerivatives.at(element, X, current, None), rng.standard_normal((E, Q, d))
@@ -48,7 +54,6 @@ def flow_chunk(element, rng, mu, convection):
         nu_lsic=points(), tau_u=symmetric @ np.swapaxes(symmetric, 2, 3),
         second=second, grad_n=grad_n, convection=convection, order=element.order,
     )  # fmt: skip
-    nodal = lambda *shape: rng.standard_normal((E, A, *shape))  # noqa: E731
     fields = dict(v=nodal(d), a=nodal(d), v_m=nodal(d), v_s=nodal(d), p=nodal(), p_n=nodal(), b=rng.standard_normal((E, Q, d)))
     return elements, fields
 

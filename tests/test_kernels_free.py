@@ -119,7 +119,10 @@ class Patch:
         rule = Rule.of(element, 2 * element.order + 1)
         current, points = geometry(rule, self.x[self.cells]), (len(self.cells), len(rule.weights))
         second = SecondDerivatives.at(element, self.x[self.cells], current, None) if element.order == 2 else None
-        random = lambda: 0.5 + rng.random(points)  # noqa: E731
+
+        def random():
+            return 0.5 + rng.random(points)
+
         self.el = flow.FlowElements(
             N=rule.N, geometry=current, n=np.ones(points), rho=np.full(points, rho), S=None, mu=mu, tau=random(),
             tau_supg=random(), nu_lsic=random(), tau_u=None, second=second, grad_n=None, convection=True, order=element.order,
