@@ -12,7 +12,6 @@ STIFFER = 1.5
 # Largest α_s over α_f: along the interface a fluid has next to no impedance, and beside a stiff solid the error factor of
 # Robin-Robin, |S_f - α_s|/(S_s + α_s) |S_s - α_f|/(S_f + α_f), is α_s/α_f there.
 TANGENTIAL = 0.5
-NAMES = ("dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet")
 
 
 def solid_impedance(modulus, rho, thickness, rates):
@@ -47,10 +46,7 @@ class Interface:
 
 
 class Conditions:
-    """The coefficients α_f and α_s of a pair of conditions.
-
-    fluid : None (Dirichlet) or α_f : Rates -> [Pa s/m]; solid : None (Dirichlet) or α_s
-    """
+    """A pair of conditions: its coefficients α_f and α_s [Pa s/m] in a step, and what it adds to the solid's side of a sweep."""
 
     def __init__(self, name, interface, coefficient, masses):
         """Take the name of the pair, the `Interface`, α_f or "auto", and the `fem.boundary.InterfaceMass` of fluid and solid."""
