@@ -4,7 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from running import SCENES, Job, history, largest_difference, needs_mpirun, run_here, run_on, state
+from mpi4py import MPI
+from running import SCENES, Job, history, largest_difference, needs_mpirun, run_here, run_on, state, summary
+
+from porofsi_petsc import load_scene
+from porofsi_petsc.simulation.build import local_mesh
 
 FLAP = str(SCENES / "flap.toml")
 SHORT = ("output.checkpoint_every=5", "time.end=0.1", "material.0.fluid.density=200.0")
@@ -36,6 +40,39 @@ def test_a_run_continued_in_its_middle_is_the_whole_one(case, tmp_path):
     expected, computed = state(whole / "checkpoint.h5"), state(half / "checkpoint.h5")
     assert expected.keys() == computed.keys() and {"mesh.u", "fluid.force", "solid.u"} <= expected.keys()
     assert [name for name in expected if not np.array_equal(expected[name], computed[name])] == []
+    assert summary(whole)["mesh_motion"] == summary(half)["mesh_motion"]
+
+
+def edges_and_areas(points, cells):
+    """Return squared edge lengths (E, 3) and areas (E,) of triangles."""
+    corners = points[cells]
+    edges = np.roll(corners, -1, axis=1) - corners
+    return (edges**2).sum(axis=2), np.cross(edges[:, 0], edges[:, 1]) / 2
+
+
+def test_the_worst_elements_of_the_run_are_in_its_summary(tmp_path):
+    """While the flap bends to one side they are those of the last mesh; 4√3 area / Σ edge² is the mean ratio of a triangle."""
+    reports = []
+    for end in ("0.05", "0.1"):
+        run_here(Job(FLAP, str(tmp_path), (*SHORT, f"time.end={end}", "output.checkpoint_every=1"), force=True))
+        scene, u = load_scene(FLAP), state(tmp_path / "checkpoint.h5")["mesh.u"]
+        mesh = local_mesh(scene, MPI.COMM_SELF)
+        cells = mesh.cells[mesh.cell_region == mesh.regions.index("body")]
+        _, before = edges_and_areas(mesh.X, cells)
+        lengths, after = edges_and_areas(mesh.X + u[mesh.natural], cells)
+        shape = 4 * np.sqrt(3) * after / lengths.sum(axis=1)
+        reports.append(summary(tmp_path)["mesh_motion"])
+        # sums of some products of coordinates
+        assert reports[-1]["smallest_volume_ratio"] == pytest.approx((after / before).min(), rel=1e-12)
+        assert reports[-1]["worst_shape"] == pytest.approx(shape.min(), rel=1e-12)
+    print(f"worst elements: {reports}")
+    early, late = reports
+    assert all(late[name] < 0.98 * early[name] for name in late)
+
+
+def test_a_mesh_that_does_not_move_has_no_worst_element(tmp_path):
+    run_here(Job(FLAP, str(tmp_path), ("coupling.scheme=one_way", "time.end=0.01")))
+    assert set(summary(tmp_path)["mesh_motion"].values()) == {None}
 
 
 RANKS = {
@@ -69,6 +106,8 @@ def test_ranks_do_not_matter(tmp_path):
             # A sweep more or less, and a lagged tangent is renewed in another step; vectors are reused as many as there were.
             fields = [name for name in others if "tangent" not in name and not name.startswith("accelerator")]
             found |= {name: largest_difference(arrays[name], others[name]) for name in fields}
+            mesh, of_one = summary(a)["mesh_motion"], summary(b)["mesh_motion"]
+            found |= {name: abs(mesh[name] - value) for name, value in of_one.items()}
             worst = max(found, key=found.get)
             print(f"{ranks} ranks, {b.name}: largest difference {found[worst]:.1e} in {worst}")
             assert found[worst] < SAME

@@ -97,9 +97,14 @@ class InterfaceMedium(Medium):
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
         return super().state() | {f"mesh.{name}": array for name, array in self.motion.state().items()}
 
+    def memory(self):
+        """Return the numbers a restart needs beside the arrays."""
+        return super().memory() | {"mesh": self.motion.memory()}
+
     def load_state(self, arrays, memory, schemes, rates):
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
-        self.motion.load_state({name.removeprefix("mesh."): a for name, a in arrays.items() if name.startswith("mesh.")})
+        mesh = {name.removeprefix("mesh."): a for name, a in arrays.items() if name.startswith("mesh.")}
+        self.motion.load_state(mesh, memory.get("mesh", self.motion.memory()))
         super().load_state(arrays, memory, schemes, rates)
 
 

@@ -138,6 +138,21 @@ def element_size_tensor(vertices, h):
     An element that is stretched has one length along and another one across; a regular one has h² times the identity.
     vertices (E, d + 1, d); h (E,) of `element_size`
     """
-    arms = vertices - vertices.mean(axis=1, keepdims=True)
-    moments = np.swapaxes(arms, 1, 2) @ arms
+    moments = _moments(vertices)
     return moments * (h**2 / np.linalg.det(moments) ** (1 / vertices.shape[-1]))[:, None, None]
+
+
+def shape_quality(vertices):
+    """Return d det(M)^(1/d) / tr M of simplices, M the second moments of their vertices (E, d + 1, d), (E,).
+
+    The mean ratio d det(A)^(2/d) / A:A of the map A of a regular simplex (Knupp, SIAM J. Sci. Comput. 23 (2001) 193): 1 for a
+    regular one, 0 for a flat one, whatever its size.
+    """
+    moments, d = _moments(vertices), vertices.shape[-1]
+    return d * np.linalg.det(moments) ** (1 / d) / np.trace(moments, axis1=1, axis2=2)
+
+
+def _moments(vertices):
+    """Return the second moments of the vertices (E, d + 1, d) about their mean, (E, d, d) [m²]."""
+    arms = vertices - vertices.mean(axis=1, keepdims=True)
+    return np.swapaxes(arms, 1, 2) @ arms

@@ -53,6 +53,14 @@ SUMMARY_KEYS = {
     "factorizations.solid": "number of factorizations or preconditioner set-ups of the solid",
     "factorizations.mesh": "number of factorizations of the mesh motion",
     "factorizations.mixture": "number of factorizations of the monolithic scheme",
+    "mesh_motion.smallest_volume_ratio": (
+        "least ratio of the volume of a free fluid's moving mesh to that of the reference configuration, over all quadrature "
+        "points and the ends of all steps [-]"
+    ),
+    "mesh_motion.worst_shape": (
+        "least shape of an element of that mesh, in the reference configuration and at the ends of all steps: "
+        "d det(M)^(1/d)/tr M, M the second moments of its vertices, 1 for a regular one, 0 for a flat one [-]"
+    ),
     "energy.external_work": "work of the loads since the start [J, in 2-D per metre of thickness, like all energies]",
     "energy.kinetic": "kinetic energy of both phases at the end [J]",
     "energy.elastic": "elastic energy of the skeleton at the end [J]",

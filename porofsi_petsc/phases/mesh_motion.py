@@ -4,6 +4,7 @@ import numpy as np
 
 from ..errors import ConvergenceError
 from ..fem.domain import Configuration
+from ..fem.geometry import shape_quality
 from ..kernels import solid as kernel
 from ..stopwatch import timed
 from ..tensors import det_minus_one
@@ -20,6 +21,8 @@ class MeshMotion:
     Always from the reference configuration, so that the mesh is a function of the interface and a period ends where it began.
     The velocity of the mesh is that of the solid's time scheme: on the interface it is v_s to the last digit.
     Arrays (n_local, d), ghosts included: `u`, `v`, `a` of the accepted level, `_u1`, `_v1`, `_a1` of the trial level.
+    `smallest_ratio`, `worst_shape`: least volume ratio J and `shape_quality` of an element, in the reference configuration and on
+    all accepted levels.
     """
 
     prefix = "mesh_"
@@ -36,7 +39,9 @@ class MeshMotion:
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._reference = Configuration.at(fluid_domain, self.mesh.X, with_hessian)
         self._configuration = self._accepted = self._matrix = self.solver = None
-        self._stale, self.assemblies, self.smallest_ratio = True, 0, 1.0
+        self._stale, self.assemblies = True, 0
+        self.smallest_ratio = self.worst_shape = 1.0
+        self._watch(self._reference, self.mesh.X)
         volume = self.domain.reference.dV.sum(axis=1)
         mean = self.domain.sum_owned(volume) / max(self.mesh.comm.allreduce(int(self.domain.owned.sum())), 1)
         self._stiffness = (mean / volume) ** setup.stiffening
@@ -184,8 +189,16 @@ class MeshMotion:
         """Make the trial state the accepted one; raises ConvergenceError, changing nothing, when an element is inverted."""
         if self.moves:
             self._accepted = self._configuration_at(self._u1)
-            self.smallest_ratio = min(self.smallest_ratio, float(self._accepted.J.min(initial=1.0)))
+            self._watch(self._accepted, self.mesh.X + self._u1)
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
+
+    def _watch(self, configuration, positions):
+        """Take the worst elements of a configuration with nodal positions (n_local, d) into account (collective)."""
+        domain = self._fluid_domain
+        shape = shape_quality(positions[domain.cells[:, : domain.dim + 1]])
+        everyone = self.mesh.comm.allgather((float(configuration.J.min(initial=1.0)), float(shape.min(initial=1.0))))
+        ratios, shapes = zip(*everyone, strict=True)
+        self.smallest_ratio, self.worst_shape = min(self.smallest_ratio, *ratios), min(self.worst_shape, *shapes)
 
     def reset(self):
         """Forget the trial state."""
@@ -197,7 +210,12 @@ class MeshMotion:
         n = self.mesh.n_owned
         return {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]}
 
-    def load_state(self, arrays):
-        """Continue from `state`."""
+    def memory(self):
+        """Return the numbers a restart needs beside the arrays."""
+        return {"smallest_ratio": self.smallest_ratio, "worst_shape": self.worst_shape}
+
+    def load_state(self, arrays, memory):
+        """Continue from `state` and `memory`."""
+        self.smallest_ratio, self.worst_shape = memory["smallest_ratio"], memory["worst_shape"]
         self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
         self.reset()

@@ -41,6 +41,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, fil
         "linear_iterations": {name: _linear_iterations(blocks.get(name)) for name in BLOCKS},
         "assemblies": {name: blocks[name].assemblies if name in blocks else 0 for name in BLOCKS},
         "factorizations": {name: _factorizations(blocks.get(name)) for name in BLOCKS},
+        "mesh_motion": _mesh_motion(blocks.get("mesh")),
         "energy": energy.report(),
         "peak_memory_bytes": _peak_memory(comm),
         "modelled": _modelled(scene, loop.model),
@@ -76,6 +77,14 @@ def _linear_iterations(block):
 
 def _factorizations(block):
     return 0 if block is None or block.solver is None else block.solver.factorizations
+
+
+def _mesh_motion(motion):
+    moves = motion is not None and motion.moves
+    return {
+        "smallest_volume_ratio": motion.smallest_ratio if moves else None,
+        "worst_shape": motion.worst_shape if moves else None,
+    }
 
 
 def _peak_memory(comm):
