@@ -22,6 +22,11 @@ class ConvergenceError(PorofsiError):
 
     exit_code = 3
 
+    def __init__(self, what, advice=""):
+        """Take what happened and what to try, where there is something: the message is "what; advice"."""
+        super().__init__(f"{what}; {advice}" if advice else what)
+        self.what, self.advice = what, advice
+
 
 class Stopped(PorofsiError):
     """The run was stopped by a signal or the time limit after a checkpoint was written."""

@@ -12,6 +12,7 @@ from running import SCENES, Job, changes, complete, run_here
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.phases.solid import SolidPhase
 from porofsi_petsc.simulation import check
 
 FLAP = str(SCENES / "flap.toml")
@@ -166,4 +167,19 @@ def test_a_scheme_that_diverges_says_what_to_do(tmp_path):
         run_here(Job(FLAP, str(tmp_path / "run"), given))
     assert "\n" not in str(error.value)
     print(error.value)
+    assert error.value.what.startswith("the sweeps of step 1 do not converge: an element is inverted")
+    assert str(error.value) == f"{error.value.what}; {error.value.advice}"  # that of the inverted element is replaced
     assert json.loads((tmp_path / "run/summary.json").read_text())["exit_code"] == 3
+
+
+def test_sweeps_that_fail_without_an_advice_keep_the_cause(tmp_path, monkeypatch):
+    """To the last word, semicolons of others included: a text of PETSc, say."""
+
+    def failing(self, residual):
+        raise ConvergenceError("its set-up failed: zero pivot; row 3")
+
+    monkeypatch.setattr(SolidPhase, "correct", failing)
+    with pytest.raises(
+        ConvergenceError, match="^the sweeps of step 1 .*: its set-up failed: zero pivot; row 3; try coupling.acc"
+    ):
+        run_here(Job(FLAP, str(tmp_path / "run"), ("time.end=0.01",)))

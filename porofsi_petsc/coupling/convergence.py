@@ -51,9 +51,8 @@ class Convergence:
             round_off = max(ROUND_OFF * self._largest_like(field), inside)
             errors[field] = residual / self._scales[field] if residual > round_off else 0.0
             if not isfinite(residual):
-                raise ConvergenceError(
-                    f"the {field} residual is not finite after {len(self.history)} iterations; try a smaller step"
-                )
+                what = f"the {field} residual is not finite after {len(self.history)} iterations"
+                raise ConvergenceError(what, "try a smaller step")
         self._require_digits(EPSILON * drag)
         self.history.append(errors)
         return max(errors.values()) <= self.tolerance
@@ -63,7 +62,8 @@ class Convergence:
         if round_off > BLIND * force and round_off > ROUND_OFF * self._largest_like("fluid momentum"):
             raise ConvergenceError(
                 f"round-off of the drag, {round_off:.1e} N of {force:.1e} N, hides the balance of the fluid: "
-                "the permeability is too small for double precision; raise it"
+                "the permeability is too small for double precision",
+                "raise it",
             )
 
     def _largest_like(self, field):
@@ -98,5 +98,6 @@ class Convergence:
         trail = ", ".join(f"{max(errors.values()):.1e}" for errors in self.history[:: max(1, len(self.history) // 8)])
         return ConvergenceError(
             f"coupling did not converge at t = {t:g} s (step {step}): {len(self.history) - 1} iterations, "
-            f"{worst} residual {last[worst]:.1e} > {self.tolerance:.0e} (history {trail}); {advice}"
+            f"{worst} residual {last[worst]:.1e} > {self.tolerance:.0e} (history {trail})",
+            advice,
         )

@@ -155,9 +155,8 @@ class InterfaceCoupling(InterfaceMedium, _Sweep):
         try:
             super().step(schemes, rates, t, step)
         except ConvergenceError as error:
-            if self.convergence.history and not self.convergence.falling and self.advice not in str(error):
-                what = str(error).rpartition("; ")[0]
-                raise ConvergenceError(f"the sweeps of step {step} do not converge: {what}; {self.advice}") from None
+            if self.convergence.history and not self.convergence.falling and error.advice != self.advice:
+                raise ConvergenceError(f"the sweeps of step {step} do not converge: {error.what}", self.advice) from None
             raise
 
 

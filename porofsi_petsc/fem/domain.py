@@ -110,7 +110,7 @@ class Domain:
         found = [place for place in self.mesh.comm.allgather(centre) if place]
         if found:
             where = ", ".join(f"{c:.4g}" for c in found[0])
-            raise ConvergenceError(f"{what} (element at ({where}) m of the reference); try a smaller step")
+            raise ConvergenceError(f"{what} (element at ({where}) m of the reference)", "try a smaller step")
 
     def sum_owned(self, cell_values):
         """Return the sum over the elements of all ranks of values (E,)."""

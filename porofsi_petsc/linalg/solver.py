@@ -186,7 +186,8 @@ class LinearSolver:
         raise ConvergenceError(
             f"linear solver {self.prefix} ({self.ksp.getType()}, {self.ksp.getPC().getType()}) failed with {text} after "
             f"{self.ksp.getIterationNumber()} iterations, residual {self.ksp.getResidualNorm():.3g} (right-hand side "
-            f"{self._b.norm():.3g}); see -{self.prefix}ksp_monitor -{self.prefix}ksp_converged_reason, or try a direct solver"
+            f"{self._b.norm():.3g})",
+            f"see -{self.prefix}ksp_monitor -{self.prefix}ksp_converged_reason, or try a direct solver",
         )
 
 
