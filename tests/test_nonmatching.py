@@ -1,10 +1,11 @@
-"""Sides of an interface with nodes of their own: interpolation, conservation, and the flap of one mesh with two kinds of nodes."""
+"""Sides of an interface with nodes of their own: interpolation, conservation, and a flap in a mesh of its own."""
 
 import numpy as np
 import pytest
 from mpi4py import MPI
+from running import SCENES, Job, history, largest_difference, run_here
 
-from porofsi_petsc.config.geometry import Axis
+from porofsi_petsc.config.geometry import Axis, Region
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.elements.simplex import FACET
 from porofsi_petsc.errors import InputError
@@ -12,8 +13,12 @@ from porofsi_petsc.fem.closest import closest_points
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.fem.transfer import InterfaceTransfer, Pair
 from porofsi_petsc.mesh.generate import box, rectangle
+from porofsi_petsc.mesh.interface import INTERFACE, with_interface
 from porofsi_petsc.mesh.mesh import Mesh
+from porofsi_petsc.mesh.write import write_mesh
 
+FLAP = str(SCENES / "flap.toml")
+WEAK = "coupling.scheme=weak", "material.0.fluid.density=1.0"
 ROUND_OFF = 1e-13  # some sums of products of numbers of size 1
 
 
@@ -100,7 +105,7 @@ def test_forces_moments_and_work_are_kept(dim, order, fluid, solid):
 
 @pytest.mark.parametrize("order", (1, 2))
 def test_curved_sides_meet_up_to_their_sagitta(order):
-    """Points of a circle and chords or parabolas through others of its points: distance O(h²) and O(h⁴), rotations to the same."""
+    """Points of a circle, and chords or parabolas through others of its points: distances O(h²) and O(h⁴)."""
     found = []
     for n in (8, 16, 32):
         angle = np.linspace(0, np.pi / 2, order * n + 1)
@@ -151,3 +156,60 @@ def test_a_side_without_the_other_is_refused(short, other):
     mesh.facets[f"wet_{short}"] = mesh.facets[f"wet_{short}"][:-1]
     with pytest.raises(InputError, match=f"a node of 'wet_{other}' at .* is 0.25 m away from 'wet_{short}'.*; let both surfaces"):
         transfer_of(mesh)
+
+
+# -- the flap --------------------------------------------------------------------------------------------------------------
+
+
+def flap_mesh(fluid, solid, order=1):
+    """Return the mesh of the flap with nodes of its own, each side refined by a factor; the wall under both is "bottom"."""
+
+    def part(factor, region, wet):
+        x = axis(0.0, 0.4, 0.5, 1.2, cells=[4 * factor, 2 * factor, 6 * factor])
+        y = axis(0.0, 0.2, 0.4, cells=[4 * factor, 4 * factor])
+        flap = Region(name="flap", x=(0.4, 0.5), y=(0.0, 0.2))
+        whole = with_interface(rectangle(x, y, order, "alternating", (), (flap,)), {"body"}, ())
+        return region_of(whole, region, wet)
+
+    return joined(part(fluid, "body", "wet_fluid"), part(solid, "flap", "wet_solid"))
+
+
+def region_of(mesh, region, wet):
+    """Return one region of a mesh, its facets with the others under a tag."""
+    cells = mesh.cells[mesh.cell_region == mesh.regions.index(region)]
+    nodes, number = np.unique(cells, return_inverse=True)
+    facets = {wet if tag == INTERFACE else tag: f for tag, f in mesh.facets.items()}
+    own = {tag: f[np.isin(f, nodes).all(axis=1)] for tag, f in facets.items()}
+    own = {tag: np.searchsorted(nodes, f) for tag, f in own.items() if len(f)}
+    return Mesh(mesh.points[nodes], number.reshape(cells.shape), mesh.element, (region,), np.zeros(len(cells), int), own)
+
+
+def given(path, mesh):
+    """Write a mesh and return the changes that make the scene of the flap read it."""
+    write_mesh(path, mesh)
+    return f"mesh={{kind='file', path='{path}', dim=2}}", "interface=[{fluid='wet_fluid', solid='wet_solid'}]"
+
+
+def run(directory, *options):
+    """Run the flap and return its summary and its history."""
+    summary = run_here(Job(FLAP, str(directory), options, force=True))
+    return summary, history(directory)
+
+
+COLUMNS = ("tip.u_x", "tip.u_y", "flap.f_x", "flap.f_y")
+
+
+def difference(a, b, columns=COLUMNS):
+    """Return column -> largest difference over its largest magnitude."""
+    return {name: largest_difference(a[name], b[name]) for name in columns}
+
+
+@pytest.mark.parametrize("order, options", [(1, ()), (2, ()), (1, ("coupling.scheme=one_way",)), (1, WEAK)])
+def test_equal_nodes_given_twice_are_the_shared_ones(order, options, tmp_path):
+    """P is the identity then: to the tolerance of the coupling, 1e-10, times a condition of some hundreds."""
+    changes = *options, f"mesh.order={order}", "time.end=0.05", "coupling.tolerance=1e-10"
+    shared = run(tmp_path / "shared", *changes)[1]
+    double = run(tmp_path / "double", *given(tmp_path / "flap.msh", flap_mesh(1, 1, order)), *options, *changes[-2:])[1]
+    found = difference(double, shared)
+    print(found)
+    assert max(found.values()) < 1e-7 and np.abs(shared["tip.u_x"]).max() > 1e-4

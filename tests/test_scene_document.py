@@ -37,6 +37,7 @@ TABLES = {
     "[petsc]": sections.Petsc,
     "[[probe]]": sections.Probe,
     "[[force]]": sections.Force,
+    "[[interface]]": sections.Interface,
     "[output]": sections.Output,
     "[figures]": sections.Figures,
     "[reference]": reference.Reference,

@@ -15,6 +15,7 @@ from .sections import (
     Expect,
     Figures,
     Force,
+    Interface,
     Limits,
     MeshMotion,
     Model,
@@ -52,6 +53,7 @@ class Scene(Table):
     petsc: Petsc = Petsc()
     probe: list_of(Probe) = ()
     force: list_of(Force) = ()
+    interface: list_of(Interface) = ()
     output: Output = Output()
     figures: Figures = Figures()
     reference: Reference | None = None
@@ -106,6 +108,7 @@ class Scene(Table):
         check_expressions(self.body_force, self.dim, "body_force")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_kinds()
+        self._check_interfaces()
         self._check_auto()
         self._check_time_scheme()
         self._check_mass_scaling()
@@ -146,6 +149,28 @@ class Scene(Table):
             for name in sorted({"pressure", "flux", "no_slip"} & set(boundary.given())):
                 advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
                 raise wrong(f"received one without porous materials; {advice}", f"boundary.{i}.{name}")
+
+    def _check_interfaces(self):
+        """Refuse sides of an interface where there are none, and schemes that need common nodes on it."""
+        if not self.interface:
+            return
+        if {material.kind for material in self.material} != {"solid", "fluid"}:
+            text = "expected a free fluid and a solid without pores beside it; leave it out"
+            raise wrong(f"received two surfaces without such materials, {text}", "interface.0")
+        if self.coupling.scheme in ("quasi_direct", "direct"):
+            text = "with [[interface]], expected 'partitioned', 'weak' or 'one_way', or a mesh with common nodes and none"
+            raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
+        if self.coupling.interface != "dirichlet_neumann":
+            text = "with [[interface]], expected 'dirichlet_neumann', or a mesh with common nodes and none"
+            raise wrong(f"received '{self.coupling.interface}' {text}", "coupling.interface")
+        taken = {}
+        for i, pair in enumerate(self.interface):
+            for side in ("fluid", "solid"):
+                for tag in getattr(pair, side):
+                    if tag in taken:
+                        text = f"received '{tag}', which {taken[tag]} has already, expected each surface once"
+                        raise wrong(text, f"interface.{i}.{side}")
+                    taken[tag] = f"interface.{i}.{side}"
 
     def _check_viscosity(self):
         """Refuse a free fluid whose viscosity would not be used: without it no wall holds the flow."""

@@ -158,6 +158,13 @@ class Force(Table):
     on: Tags
 
 
+class Interface(Table):
+    """Two surfaces that lie on each other, of a free fluid and of a solid whose nodes are not the fluid's."""
+
+    fluid: Tags
+    solid: Tags
+
+
 class Output(Table):
     """Intervals of the output, in steps (minutes where it says so); absent means never.
 

@@ -17,20 +17,21 @@ class InterfaceMedium(Medium):
     """The fluid on a mesh that follows the solid, with its velocity on the interface; the solid under the fluid's force.
 
     The force is the fluid's residual on the nodes of the interface, unconstrained there: no stress is recovered, and what the
-    fluid loses the solid gains to round-off.
+    fluid loses the solid gains to round-off, on its own nodes where the two have none in common.
 
     What the fluid sees of the solid: its trial displacement (strong: the converged step is that of the monolithic system), its
     predicted one (weak: staggered, the force comes once) or nothing (one-way).  Each step ends when all residuals are small.
     """
 
-    def __init__(self, *medium, motion, interface, sees="trial", **scheme):
-        """Take what the scheme takes; the `phases.MeshMotion`, the interface's nodes (n_local,) bool, and what the fluid sees.
+    def __init__(self, *medium, motion, transfer, sees="trial", **scheme):
+        """Take what the scheme takes; the `phases.MeshMotion`, the `fem.transfer.InterfaceTransfer`, and what the fluid sees.
 
         sees : "trial", "predicted" or "nothing"
         """
-        self.motion, self._sees = motion, sees
+        self.motion, self._transfer, self._sees = motion, transfer, sees
         super().__init__(*medium, **scheme)
-        self._interface = interface[: self.solid.mesh.n_owned, None]
+        sides = transfer.fluid_nodes, transfer.solid_nodes
+        self._on_fluid, self._on_solid = (nodes[: self.solid.mesh.n_owned, None] for nodes in sides)
         self._of_solid = self.solid.domain.holds[:, None]
 
     @property
@@ -52,10 +53,10 @@ class InterfaceMedium(Medium):
 
     def flow(self, fluid_residuals):
         """Return the fluid's force on the interface, (n_owned, d) [N]."""
-        return self._with_force(np.where(self._interface, self.fluid.boundary_force(fluid_residuals[0]), 0.0))
+        return self._with_force(np.where(self._on_fluid, self.fluid.boundary_force(fluid_residuals[0]), 0.0))
 
     def _with_force(self, force):
-        return replace(self.fluid.flow(), force=force)
+        return replace(self.fluid.flow(), force=self._transfer.to_solid(force))
 
     def displacement(self):
         """Return the accepted displacement of solid and mesh, (n_local, d) [m]."""
@@ -139,7 +140,7 @@ class _Sweep(PartitionedMedium):
             self.solid.unknowns = self._accelerator.next(before, self.solid.unknowns.copy())
 
     def _dot(self, a, b):
-        return self.dot(a * self._interface, b)
+        return self.dot(a * self._on_solid, b)
 
 
 class InterfaceCoupling(InterfaceMedium, _Sweep):

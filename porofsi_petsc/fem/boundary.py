@@ -121,15 +121,20 @@ class InterfaceMass:
     area: float
 
     @classmethod
-    def between(cls, domain, other):
-        """Return that of a `Domain` with another one on the same mesh, in the reference configuration (collective)."""
+    def between(cls, domain, other, tags=()):
+        """Return that of a `Domain` with another one on the same mesh, in the reference configuration (collective).
+
+        tags : of more facets of the domain, where the other one has nodes of its own
+        """
         element, facet = domain.element, FACET[domain.element.name]
         facets = cell_facets(domain.cells, element)
         rows, local = np.nonzero((domain.holds & other.holds)[facets[:, :, : element.dim]].all(axis=2))
         shared = (
             locate_facets(facets[rows, local], other.cells, element)[0] >= 0 if len(other.cells) else np.zeros(len(rows), bool)
         )
-        rows, local = rows[shared], local[shared]
+        more = [domain.mesh.facets[tag] for tag in tags]
+        rows = np.concatenate([rows[shared], *(domain.row_of_cell[tagged.cells] for tagged in more)])
+        local = np.concatenate([local[shared], *(tagged.local for tagged in more)])
         rule, terms = Rule.of(facet, 2 * element.order), np.zeros((len(rows), element.nodes, element.nodes))
         areas = np.zeros(len(rows))
         for number, nodes in enumerate(element.facets):

@@ -11,7 +11,7 @@ from ..tensors import inverse
 ROUND_OFF = 1e-12  # of reference coordinates
 # Sum of |N_a| on a facet of an order, at most: how far over its farthest node a curved facet may reach from its centroid.
 REACH = {1: 1.0, 2: 5 / 3}
-# Of Gauss and Newton to a curved facet: each contracts by curvature times distance, at most 0.1 where two sides of an interface meet.
+# Of Gauss and Newton to a curved facet: each contracts by curvature times distance, on two sides of an interface by 0.1 or less.
 STEPS = 20
 OUTER = 2.0  # reference coordinates beyond which an iterate has left the facet for good
 

@@ -15,7 +15,7 @@ GAP = 0.1
 
 @dataclass(frozen=True)
 class Pair:
-    """Two surfaces that lie on each other with nodes of their own: tags of the fluid, tags of the solid; where the scene says so."""
+    """Two surfaces that lie on each other: tags of the fluid, tags of the solid, and where the scene says so."""
 
     fluid: tuple
     solid: tuple

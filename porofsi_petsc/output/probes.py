@@ -13,18 +13,20 @@ NOWHERE = np.iinfo(np.int64).max
 class Probes:
     """Points fixed to the reference configuration.
 
-    When several elements hold a point the one of the smallest natural number is taken, so that the values do not
-    depend on the number of ranks.
+    When several elements hold a point the one of the smallest natural number is taken, preferred ones first, so that the values
+    do not depend on the number of ranks.
     """
 
-    def __init__(self, mesh, points):
+    def __init__(self, mesh, points, preferred=None):
         """Locate the points; collective.
 
-        points : list of (name, coordinates (d,) [m]).  Raises InputError for a point outside of the mesh.
+        points : list of (name, coordinates (d,) [m]); preferred : (cells,) bool.  Raises InputError for a point outside.
         """
         self.comm = mesh.comm
         self.names = [name for name, _ in points]
-        found = [_locate(mesh, np.asarray(point, dtype=float)) for _, point in points]
+        later = np.zeros(len(mesh.cells), dtype=int) if preferred is None else mesh.n_cells_global * ~preferred
+        rank = mesh.cell_natural + later
+        found = [_locate(mesh, rank, np.asarray(point, dtype=float)) for _, point in points]
         natural = np.array([cell for cell, _, _ in found], dtype=np.int64)
         winner = np.empty_like(natural)
         self.comm.Allreduce(natural, winner, op=MPI.MIN)
@@ -46,8 +48,8 @@ class Probes:
         return values
 
 
-def _locate(mesh, point):
-    """Return natural cell number, nodes (A,) and N (A,) of the owned cell that holds the point (NOWHERE when none does)."""
+def _locate(mesh, rank, point):
+    """Return rank, nodes (A,) and N (A,) of the owned cell of lowest rank (cells,) that holds the point (NOWHERE: none does)."""
     cells = np.flatnonzero(mesh.cell_owned)
     cells = cells[_near(mesh.X[mesh.cells[cells]], point)]
     xi = _reference_coordinates(mesh.element, mesh.X[mesh.cells[cells]], point)
@@ -55,8 +57,8 @@ def _locate(mesh, point):
     cells, xi = cells[inside], xi[inside]
     if len(cells) == 0:
         return NOWHERE, None, None
-    first = np.argmin(mesh.cell_natural[cells])
-    return mesh.cell_natural[cells[first]], mesh.cells[cells[first]], mesh.element.shape(xi[[first]])[0]
+    first = np.argmin(rank[cells])
+    return rank[cells[first]], mesh.cells[cells[first]], mesh.element.shape(xi[[first]])[0]
 
 
 def _near(X, point):

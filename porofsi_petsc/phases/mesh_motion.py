@@ -104,7 +104,7 @@ class MeshMotion:
         """
         setup, goal = self._setup, start.copy()
         setup.dirichlet.apply(goal, t)
-        goal[setup.carried] = solid[setup.carried]
+        goal[setup.carried] = setup.transfer.to_fluid(solid)[setup.carried]
         u, last, free = start, np.inf, ~setup.mask[: self.mesh.n_owned]
         for _ in range(CAP):
             if self._stale:
@@ -123,7 +123,8 @@ class MeshMotion:
 
     def _extended_rate(self, solid):
         """Return the velocity of the mesh for that of the solid (n_local, d), K v = 0 inside with the tangent of `u`."""
-        setup, v = self._setup, np.where(self._setup.carried[:, None], solid, 0.0)
+        setup = self._setup
+        v = np.where(setup.carried[:, None], setup.transfer.to_fluid(solid), 0.0)
         if self._stale or not self._setup.law.small_strain:
             self._assemble(self.u)
         forces = self._forces(self.u, v) - self._forces(self.u, 0 * v)

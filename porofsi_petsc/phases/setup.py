@@ -7,6 +7,7 @@ import numpy as np
 
 from ..fem.boundary import Dirichlet, InterfaceMass
 from ..fem.domain import Domain
+from ..fem.transfer import InterfaceTransfer
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import CooMatrix
 from ..linalg.solver import LinearSolver
@@ -100,7 +101,7 @@ class SolidSetup(PhaseSetup):
 class MeshSetup(PhaseSetup):
     """The motion of a free fluid's mesh: an elastic law on the reference configuration, stiffer on small elements.
 
-    carried : (n_local,) bool, nodes of the solid, which carry the mesh;
+    carried : (n_local,) bool, nodes of the solid and of the interface, which carry the mesh; transfer : to those of the fluid;
     dirichlet : prescribed displacement, fixed boundaries included;
     stiffening : exponent χ of (V_mean/V_e)^χ, the factor of the law in element e (Stein, Tezduyar & Benney 2003)
     """
@@ -108,6 +109,7 @@ class MeshSetup(PhaseSetup):
     law: ElasticLaw
     stiffening: float
     carried: np.ndarray
+    transfer: InterfaceTransfer
     dirichlet: Dirichlet
 
     @cached_property

@@ -38,11 +38,16 @@ def serial_mesh(scene):
             require_regions(mesh, material.region, f"{where} [material.{i}.region]")
     _require_materials(mesh, scene, where)
     kinds = _kinds(scene, mesh)
+    for i, pair in enumerate(scene.interface):
+        require_tags(mesh, pair.fluid, f"{where} [interface.{i}.fluid]")
+        require_tags(mesh, pair.solid, f"{where} [interface.{i}.solid]")
+    outer = set(boundary_tags(mesh)) - {tag for pair in scene.interface for tag in (*pair.fluid, *pair.solid)}
     if INTERFACE not in mesh.facets:
-        mesh = with_interface(mesh, {region for region, kind in kinds.items() if kind == "fluid"})
+        wetted = [tag for pair in scene.interface for tag in pair.fluid]
+        mesh = with_interface(mesh, {region for region, kind in kinds.items() if kind == "fluid"}, wetted)
     for i, boundary in enumerate(scene.boundary):
         require_tags(mesh, boundary.on, f"{where} [boundary.{i}.on]")
-    require_every_tag(boundary_tags(mesh), [tag for boundary in scene.boundary for tag in boundary.on], where)
+    require_every_tag(sorted(outer), [tag for boundary in scene.boundary for tag in boundary.on], where)
     if not scene.is_porous:
         check_sides(scene, mesh, kinds, where)
     return mesh

@@ -8,6 +8,7 @@ from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
 from ..fem.boundary import Dirichlet, InterfaceMass, SurfaceLoad, tags_of
 from ..fem.domain import Domain
+from ..fem.transfer import InterfaceTransfer, Pair
 from ..materials import MESH_MOTION
 from ..phases.fluid import FluidPhase
 from ..phases.interface_mixture import InterfaceMixture
@@ -31,7 +32,8 @@ def interface_medium(scene, mesh, stopwatch):
     solid.set_initial(displacement, velocity)
     motion.set_initial(solid.u, solid.v)
     pressure = initial.pressure(0.0, mesh.X) if initial.pressure else None
-    sticking = np.where(builder.interface[:, None], velocity, nodal_field(mesh, initial.fluid_velocity))
+    transfer = builder.transfer
+    sticking = np.where(transfer.fluid_nodes[:, None], transfer.to_fluid(velocity), nodal_field(mesh, initial.fluid_velocity))
     fluid.set_initial(sticking, pressure)
 
     def accelerator(dot):
@@ -39,9 +41,9 @@ def interface_medium(scene, mesh, stopwatch):
         return ACCELERATORS[choice.accelerator](dot, first, GUARD, choice.reuse_steps)
 
     medium = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
-    both = {"motion": motion, "interface": builder.interface}
+    both = {"motion": motion, "transfer": transfer}
     if choice.scheme in MONOLITHIC:
-        mixture = InterfaceMixture(solid, fluid, motion, setups, builder.interface, choice.scheme == "direct")
+        mixture = InterfaceMixture(solid, fluid, motion, setups, transfer.fluid_nodes, choice.scheme == "direct")
         return InterfaceMonolithic(*medium, mixture, **both)
     medium = *medium, accelerator, choice.tangent == "newton"
     return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=conditions, **both)
@@ -60,10 +62,13 @@ class _Builder:
         self._solid_domain, self._fluid_domain = Domain(mesh, self._solids), Domain(mesh, self._fluids)
         self._solid_tags, self._fluid_tags = (tags_of(mesh, domain.row_of_cell) for domain in self._domains)
         dense = Domain(mesh, [region for region in self._solids if region not in self._pores])
-        self.interface = dense.holds & self._fluid_domain.holds
-        choice = scene.coupling
+        choice, where = scene.coupling, scene.source_path or "scene"
+        pairs = [Pair(pair.fluid, pair.solid, f"{where} [interface.{i}]") for i, pair in enumerate(scene.interface)]
+        self.transfer = InterfaceTransfer(mesh, dense.holds & self._fluid_domain.holds, pairs)
         self._pair = "dirichlet_neumann" if choice.scheme in MONOLITHIC else choice.interface
-        self._masses = InterfaceMass.between(*self._domains[::-1]), InterfaceMass.between(*self._domains)
+        solid_tags, fluid_tags = ([tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid"))
+        solid, fluid = self._domains
+        self._masses = InterfaceMass.between(fluid, solid, fluid_tags), InterfaceMass.between(solid, fluid, solid_tags)
         self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
 
     @property
@@ -101,7 +106,7 @@ class _Builder:
             with_hessian=False,
             mass_scaling=None,
             robin=self._masses[1] if self._pair == "robin_robin" else None,
-            told=self.interface if self._pair == "neumann_dirichlet" else None,
+            told=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             **self._common,
         )
 
@@ -121,8 +126,8 @@ class _Builder:
             pressure=Dirichlet(mesh, 1, []),
             loads=self._loads(self._fluid_tags),
             fluxes=(),
-            no_slip=self.interface,
-            stress_nodes=self.interface & False,
+            no_slip=self.transfer.fluid_nodes,
+            stress_nodes=np.zeros(mesh.n_local, dtype=bool),
             free_surface=None,
             has_auxiliary=False,
             convection=scene.model.convection,
@@ -186,7 +191,8 @@ class _Builder:
             moving_mesh=self._moving,
             law=MESH_MOTION[section.law](poisson / (1 - 2 * poisson), 0.5),
             stiffening=section.stiffening,
-            carried=self._solid_domain.holds,
+            carried=self._solid_domain.holds | self.transfer.fluid_nodes,
+            transfer=self.transfer,
             dirichlet=Dirichlet(self.mesh, self.mesh.dim, given),
             **self._common,
         )

@@ -8,9 +8,8 @@ from ..config import scene_to_toml
 from ..output.checkpoint import write_checkpoint
 from ..output.fields import FieldWriter
 from ..output.history import History
-from ..output.probes import Probes
 from .setups import nodes_of
-from .sides import check_probes
+from .sides import check_probes, probes_in
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -24,8 +23,8 @@ class Records:
         self._energy, self._measures, self._stopwatch = energy, measures, stopwatch
         self.progress = self._history = self._fields = None
         self._mesh = coupling.solid.mesh
-        self._probes = Probes(self._mesh, [(probe.name, probe.at) for probe in scene.probe])
-        check_probes(scene, self._probes, coupling.fluid.domain)
+        self._in_solid, self._in_fluid = (probes_in(scene, phase.domain) for phase in (coupling.solid, coupling.fluid))
+        check_probes(scene, self._in_fluid, coupling.fluid.domain)
         self._surfaces = [nodes_of(self._mesh, force.on)[: self._mesh.n_owned] for force in scene.force]
         self._last_checkpoint = time.monotonic()
 
@@ -136,4 +135,5 @@ class Records:
         arrays = {"u": coupling.displacement(), "v": coupling.velocity(), "vf": fluid.v, "p": fluid.p[:, None]}
         if "n_f" in wanted:
             arrays["n_f"] = self._mesh.halo.extend(self._measures.porosity(coupling.accepted_carrier()))
-        return {name: self._probes.evaluate(arrays[name]) for name in sorted(wanted)}
+        of_solid = {"u", "v"}
+        return {n: (self._in_solid if n in of_solid else self._in_fluid).evaluate(arrays[n]) for n in sorted(wanted)}

@@ -14,7 +14,6 @@ from ..output.figures import make_figures
 from ..output.files import on_root, write_text
 from ..output.history import read_history
 from ..output.period import period_analysis
-from ..output.probes import Probes
 from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import write_summary
@@ -27,7 +26,7 @@ from .records import Records
 from .report import summarize
 from .restart import resume
 from .setups import materials_of
-from .sides import check_probes
+from .sides import check_probes, probes_in
 
 
 def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
@@ -200,7 +199,7 @@ def check(scene):
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     coupling = build_coupling(scene, mesh, Stopwatch())
     Measures(scene, coupling, materials_of(scene, mesh))
-    check_probes(scene, Probes(mesh, [(probe.name, probe.at) for probe in scene.probe]), coupling.fluid.domain)
+    check_probes(scene, probes_in(scene, coupling.fluid.domain), coupling.fluid.domain)
     tags = ", ".join(sorted(mesh.facets))
     unknowns = mesh.n_global * (2 * mesh.dim + 1)
     return (

@@ -4,7 +4,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.check import require_tags
-from ..mesh.topology import locate_facets
+from ..mesh.interface import INTERFACE
+from ..mesh.topology import facet_multiplicity, locate_facets
+from ..output.probes import Probes
 
 WET = 1e-6  # a point this near to the fluid, in elements, is on the interface: far above the round-off of its coordinates
 
@@ -15,12 +17,16 @@ def check_sides(scene, mesh, kinds, where):
     kinds : region -> "solid", "fluid" or "porous", a solid that a free fluid flows through
     """
     sides = {tag: _phases(mesh, facets, kinds) for tag, facets in mesh.facets.items()}
-    if len(set(kinds.values())) > 1 and "interface" not in set().union(*sides.values()):
-        text = "the regions of solid and fluid have no surface in common; give them common nodes there"
+    _check_interfaces(scene, mesh, sides, where)
+    if len(set(kinds.values())) > 1 and "interface" not in set().union(*sides.values()) and not scene.interface:
+        text = "the regions of solid and fluid have no surface in common; give them common nodes there, or an [[interface]]"
         raise InputError(f"{where} [[material]]: {text}")
-    taken = {}
+    taken, between = {}, _sides_of_interfaces(scene)
     for i, boundary in enumerate(scene.boundary):
         for tag in boundary.on:
+            if tag in between:
+                text = f"tag '{tag}' is a side of an interface, where solid and fluid set the conditions; remove it"
+                raise InputError(f"{where} [boundary.{i}.on]: {text}")
             for quantity in boundary.given():
                 place = f"{where} [boundary.{i}.{quantity}]: tag '{tag}'"
                 _require_phase(quantity.partition(".")[0], sides[tag], place)
@@ -30,6 +36,25 @@ def check_sides(scene, mesh, kinds, where):
                         raise InputError(f"{place} has {first} already, which excludes {quantity}; remove one of the two")
                 taken[tag, quantity] = i
     _check_forces(scene, mesh, sides, where)
+
+
+def _sides_of_interfaces(scene):
+    """Return the tags of all [[interface]]; with them the tag that the mesh has by itself lies on one."""
+    tags = {tag for pair in scene.interface for tag in (*pair.fluid, *pair.solid)}
+    return tags | {INTERFACE} if tags else tags
+
+
+def _check_interfaces(scene, mesh, sides, where):
+    """Raise InputError where a side of an [[interface]] is no boundary of the mesh on its own phase."""
+    outside = facet_multiplicity(mesh.cells, mesh.element) == 1
+    for i, pair in enumerate(scene.interface):
+        for kind in ("fluid", "solid"):
+            for tag in getattr(pair, kind):
+                place = f"{where} [interface.{i}.{kind}]: tag '{tag}'"
+                if not outside[locate_facets(mesh.facets[tag], mesh.cells, mesh.element)].all():
+                    raise InputError(f"{place} lies inside of the mesh, expected its boundary; leave out where nodes are common")
+                if sides[tag] != {kind}:
+                    raise InputError(f"{place} is on {' and '.join(sorted(sides[tag]))}, expected a surface of the {kind} alone")
 
 
 def _phases(mesh, facets, kinds):
@@ -74,6 +99,12 @@ def _check_forces(scene, mesh, sides, where):
         for tag in force.on:
             if sides[tag] == {"solid"}:
                 raise InputError(f"{place}: tag '{tag}' is on the solid, expected a surface of the fluid, whose force it is")
+
+
+def probes_in(scene, domain):
+    """Return the `output.probes.Probes` of a scene, on an interface those of the side of a `fem.Domain` (collective)."""
+    points = [(probe.name, probe.at) for probe in scene.probe]
+    return Probes(domain.mesh, points, preferred=domain.row_of_cell >= 0)
 
 
 def check_probes(scene, probes, fluid):
