@@ -1,6 +1,8 @@
 """Entries [[boundary]], [body_force] and [initial]: what is prescribed, where, and what excludes what."""
 
-from .types import Flag, Formula, Table, Tags, Vector, wrong
+from pydantic import Field
+
+from .types import Flag, Formula, Number, Table, Tags, Vector, wrong
 
 VECTORS = ("displacement", "velocity", "traction")
 
@@ -9,7 +11,8 @@ class Boundary(Table):
     """Conditions on tagged surfaces; what is absent is free, and impermeable (v_f.n = v_s.n).
 
     displacement [m], velocity of the fluid phase [m/s], traction of the mixture per reference area [Pa], pressure [Pa], outward
-    seepage flux n_f w.n [m/s]; no_slip: v_f = v_s in all components.
+    seepage flux n_f w.n [m/s]; no_slip: v_f = v_s in all components; backflow: part of the kinetic energy that convection
+    carries in through an open boundary of a free fluid which a traction takes away again.
     """
 
     on: Tags
@@ -19,12 +22,13 @@ class Boundary(Table):
     pressure: Formula | None = None
     flux: Formula | None = None
     no_slip: Flag = False
+    backflow: Number = Field(default=0.0, ge=0)
 
     def given(self):
         """Return the names of what this entry prescribes, such as 'displacement.x' and 'pressure'."""
         names = [f"{name}.{c}" for name in VECTORS for c in "xyz" if getattr(getattr(self, name), c) is not None]
         names += [name for name in ("pressure", "flux") if getattr(self, name) is not None]
-        return names + ["no_slip"] * self.no_slip
+        return names + ["no_slip"] * self.no_slip + ["backflow"] * (self.backflow > 0)
 
 
 class BodyForce(Table):
@@ -52,6 +56,9 @@ def check_boundaries(boundaries, brinkman, porous):
     for i, boundary in enumerate(boundaries):
         if boundary.no_slip and not brinkman:
             raise wrong("received true, expected false without model.viscosity = true (Darcy)", f"boundary.{i}.no_slip")
+        if boundary.backflow and porous:
+            text = "with porous materials, expected an open boundary of a free fluid; leave it out"
+            raise wrong(f"received {boundary.backflow:g} {text}", f"boundary.{i}.backflow")
         for tag in boundary.on:
             for quantity in boundary.given():
                 for other in (quantity, *(_excluded_by(quantity) if porous else ())):

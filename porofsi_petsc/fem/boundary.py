@@ -6,7 +6,7 @@ import numpy as np
 
 from ..elements.quadrature import quadrature
 from ..elements.simplex import FACET, barycentric
-from ..kernels.surface import facet_normal, surface_load, surface_mass, weak_zero
+from ..kernels.surface import backflow_residual, backflow_tangent, facet_normal, surface_load, surface_mass, weak_zero
 from ..mesh.topology import cell_facets, locate_facets
 from ..tensors import inverse
 from .geometry import Rule
@@ -68,6 +68,46 @@ class SurfaceLoad:
             values = expression(t, self._points).reshape(self._dA.shape)
             nodal = surface_load(self._rule.N, self._dA, values[..., None])[..., 0]
             loads[:, component] += np.bincount(self._nodes[owned], weights=nodal[owned], minlength=self._n_owned)
+
+
+class OpenBoundary:
+    """Facets of a free fluid on which what flows in brings no kinetic energy along: `kernels.surface.backflow_residual`."""
+
+    def __init__(self, domain, tag, beta, density):
+        """Prepare the facets of a tag; beta [-], density : region -> ρ_f [kg/m³]."""
+        mesh, facets = domain.mesh, domain.mesh.facets[tag]
+        behind = np.flatnonzero(domain.row_of_cell[facets.cells] >= 0)
+        cells = facets.cells[behind]
+        self._rows, self._local = domain.row_of_cell[cells], np.array(domain.element.facets)[facets.local[behind]]
+        self._nodes = domain.cells[self._rows[:, None], self._local]
+        self._beta, self._rho = beta, np.array([density[name] for name in mesh.regions])[mesh.cell_region[cells], None]
+        self._rule = Rule.of(FACET[mesh.element.name], 3 * mesh.element.order)  # exact on flat facets while all of one flows in
+        self._mesh = mesh
+
+    def add_to(self, loads, displacement, v, c):
+        """Add the residual's traction to a field (n_owned, d); displacement of the mesh (n_local, d), v, c on elements."""
+        here = slice(None)
+        vectors = backflow_residual(*self._data(here, displacement), *self._traces(here, v, c))
+        owned = self._nodes < self._mesh.n_owned
+        np.add.at(loads, self._nodes[owned], vectors[owned])
+
+    def add_tangent(self, K, chunk, displacement, v, c):
+        """Add the derivative by v to the tangents (E, A, m, A, m) of a slice of the elements."""
+        here = np.flatnonzero((self._rows >= chunk.start) & (self._rows < chunk.stop))
+        tangent = backflow_tangent(*self._data(here, displacement), *self._traces(here, v, c))
+        local, i = self._local[here], np.arange(self._mesh.dim)
+        rows = (self._rows[here] - chunk.start)[:, None, None, None, None]
+        np.add.at(K, (rows, local[:, :, None, None, None], i[:, None, None], local[:, None, None, :, None], i), tangent)
+
+    def _data(self, here, displacement):
+        """Return N, normals, ρ and β of some facets."""
+        nodes = self._nodes[here]
+        normal = facet_normal(self._rule.dN, self._rule.weights, self._mesh.X[nodes] + displacement[nodes])
+        return self._rule.N, normal, self._rho[here], self._beta
+
+    def _traces(self, here, *fields):
+        """Return element values (E, A, d) on the nodes of some facets, (F, A, d) each."""
+        return [field[self._rows[here, None], self._local[here]] for field in fields]
 
 
 # Penalty of Nitsche's method over the bound of the trace inequality, w² <= (k + 1)(k + d)/d A/V ∫w² on a simplex of order k

@@ -196,6 +196,8 @@ class FluidPhase:
         momentum_terms = {name: domain.scatter_add(m) for name, m in zip(kernel.MOMENTUM_TERMS, momentum, strict=True)}
         volume_terms = {name: domain.scatter_add(v) for name, v in zip(kernel.VOLUME_TERMS, volume, strict=True)}
         momentum_terms["traction"], volume_terms["flux"] = -self._traction, self._flux
+        for boundary in self._setup.open_boundaries:
+            boundary.add_to(momentum_terms["traction"], skeleton.displacement, fields.v, fields.c)
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self._setup.velocity_free)
         return self._momentum, Residual(comm, volume_terms, self._setup.pressure.free)
@@ -353,6 +355,8 @@ class FluidPhase:
             K = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, components)
             if split == "corrected":
                 self._add_skeleton_answer(K, elements, self._setup.materials[region], skeleton, rates, chunk)
+            for boundary in self._setup.open_boundaries:
+                boundary.add_tangent(K, chunk, skeleton.displacement, fields.v, fields.c)
             yield chunk, K
 
     def trial_tangents(self, rates, skeleton):

@@ -134,7 +134,8 @@ class FluidSetup(PhaseSetup):
     stress are prescribed and so the auxiliary field s is known; free_surface : elements (F,) and terms (F, A, A) of the
     surfaces whose normal displacement is free while no pressure is prescribed, where s vanishes weakly;
     robin : of an interface on which α v_f is added to the traction: its nodes are without slip at the end of a sweep only;
-    held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every sweep
+    held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every sweep;
+    open_boundaries : `fem.boundary.OpenBoundary`s of a free fluid
     """
 
     velocity: Dirichlet
@@ -152,6 +153,7 @@ class FluidSetup(PhaseSetup):
     undrained: bool
     robin: InterfaceMass | None = None
     held: np.ndarray | None = None
+    open_boundaries: tuple = ()
 
     @property
     def viscous(self):

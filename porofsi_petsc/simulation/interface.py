@@ -6,7 +6,7 @@ from ..coupling.accelerators import ACCELERATORS
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
-from ..fem.boundary import Dirichlet, InterfaceMass, SurfaceLoad, tags_of
+from ..fem.boundary import Dirichlet, InterfaceMass, OpenBoundary, SurfaceLoad, tags_of
 from ..fem.domain import Domain
 from ..fem.transfer import InterfaceTransfer, Pair
 from ..materials import MESH_MOTION
@@ -137,8 +137,14 @@ class _Builder:
             undrained=False,
             robin=None if self._pair == "dirichlet_neumann" else self._masses[0],
             held=self._dirichlet("displacement", self._solid_tags).mask,
+            open_boundaries=self._open_boundaries(),
             **self._common,
         )
+
+    def _open_boundaries(self):
+        density = {region: material.rho_fR for region, material in self._materials.items()}
+        given = [(tag, b.backflow) for b in self.scene.boundary if b.backflow for tag in b.on]
+        return tuple(OpenBoundary(self._fluid_domain, tag, beta, density) for tag, beta in given)
 
     def conditions(self):
         """Return the `coupling.robin.Conditions` of the interface."""

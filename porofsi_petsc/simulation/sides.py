@@ -72,8 +72,9 @@ def _require_phase(name, phases, place):
     """Raise InputError where no phase on the surface has the quantity, or where two would take the same load."""
     if "interface" in phases:
         raise InputError(f"{place} lies between solid and fluid, which set the conditions there; remove it")
-    if name == "velocity" and phases == {"solid"}:
-        raise InputError(f"{place} is on the solid, expected a surface of the fluid; prescribe a displacement instead")
+    if name in ("velocity", "backflow") and phases == {"solid"}:
+        advice = "prescribe a displacement instead" if name == "velocity" else "leave it out"
+        raise InputError(f"{place} is on the solid, expected a surface of the fluid; {advice}")
     if name == "traction" and len(phases) > 1:
         text = "expected a surface of one of them; give each part a tag of its own"
         raise InputError(f"{place} is on {' and '.join(sorted(phases))}, {text}")
@@ -89,6 +90,7 @@ def _excluded_by(quantity, phases):
         "displacement": [quantity] + [f"traction.{component}"] * (essential == "displacement"),
         "velocity": [quantity, f"traction.{component}"],
         "traction": [quantity, f"{essential}.{component}"],
+        "backflow": [quantity],
     }[name]
 
 
