@@ -60,18 +60,13 @@ def solid_setup(scene, domain, materials, stopwatch):
     mesh, model = domain.mesh, scene.model
     loads = [SurfaceLoad(mesh, tag, components(b.traction)) for b in scene.boundary for tag in b.on if components(b.traction)]
     return SolidSetup(
-        domain=domain,
-        materials=materials,
         body_force=components(scene.body_force.solid),
         inertia=model.solid_inertia,
-        moving_mesh=model.moving_mesh,
-        split=_split(scene),
-        direct=is_direct(mesh),
-        stopwatch=stopwatch,
         dirichlet=Dirichlet(mesh, mesh.dim, entries(scene, "displacement")),
         loads=tuple(loads),
         with_hessian=model.viscosity,
         mass_scaling=scene.coupling.mass_scaling,
+        **_common(scene, domain, materials, stopwatch),
     )
 
 
@@ -84,14 +79,8 @@ def fluid_setup(scene, domain, materials, stopwatch):
     fluxes = [SurfaceLoad(mesh, tag, {0: b.flux}) for b in scene.boundary for tag in b.on if b.flux is not None]
     inertia = model.solid_inertia or model.fluid_inertia
     return FluidSetup(
-        domain=domain,
-        materials=materials,
         body_force=components(scene.body_force.fluid),
         inertia=model.fluid_inertia,
-        moving_mesh=model.moving_mesh,
-        split=_split(scene),
-        direct=is_direct(mesh),
-        stopwatch=stopwatch,
         velocity=Dirichlet(mesh, mesh.dim, entries(scene, "velocity")),
         pressure=Dirichlet(mesh, 1, pressures),
         loads=(),
@@ -105,7 +94,14 @@ def fluid_setup(scene, domain, materials, stopwatch):
         supg=stabilization.supg,
         lsic=stabilization.lsic,
         undrained=stabilization.undrained,
+        **_common(scene, domain, materials, stopwatch),
     )
+
+
+def _common(scene, domain, materials, stopwatch):
+    """Return what the setups of both phases have in common, by keyword."""
+    common = {"domain": domain, "materials": materials, "stopwatch": stopwatch}
+    return common | {"moving_mesh": scene.model.moving_mesh, "split": _split(scene), "direct": is_direct(domain.mesh)}
 
 
 def nodes_of(mesh, tags):
