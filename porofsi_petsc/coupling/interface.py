@@ -146,10 +146,20 @@ class _Sweep(PartitionedMedium):
 class InterfaceCoupling(InterfaceMedium, _Sweep):
     """The partitioned iteration: Dirichlet-Neumann, Robin-Neumann, Robin-Robin or Neumann-Dirichlet, strong, weak or one-way."""
 
-    advice = (
-        'try coupling.accelerator = "iqn_ils", coupling.tangent = "newton", coupling.interface = "robin_neumann" '
-        'or coupling.scheme = "direct" (against an added mass a smaller step does not help)'
-    )
+    @property
+    def advice(self):
+        """Return what to try where the sweeps of a step do not converge."""
+        if self._both:
+            return (
+                'try coupling.accelerator = "iqn_ils", coupling.tangent = "newton", coupling.interface = "robin_neumann" '
+                'or coupling.scheme = "direct" (against an added mass a smaller step does not help)'
+            )
+        advice = 'try a smaller step or coupling.tangent = "newton"'
+        return (
+            f"{advice}, and backflow = 1 on a boundary through which the flow comes back in"
+            if self.fluid.domain.n_nodes
+            else advice
+        )
 
     def step(self, schemes, rates, t, step):
         """Do what `Medium.step` does; where an element is inverted by sweeps that do not converge, say so."""
