@@ -8,12 +8,25 @@ import numpy as np
 
 
 def parse(description, levels):
-    """Return the parser with the options that every scalable mesh has."""
+    """Return the parser with the options that every scalable mesh has; levels : a range."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--level", type=int, choices=range(levels), default=0, help="every level halves all sizes")
+    parser.add_argument("--level", type=int, choices=levels, default=0, help="every level halves all sizes")
     parser.add_argument("--order", type=int, choices=(1, 2), default=1, help="2: curved edges on arcs, straight ones inside")
     parser.add_argument("--output", type=Path, required=True, help="mesh file (.msh 4.1)")
     return parser
+
+
+def make(options, geometry, dim=2):
+    """Write the mesh of a model; geometry : level -> (boundaries, parts), each name -> entities, of the model that it builds."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Verbosity", 2)
+    boundaries, parts = geometry(options.level)
+    name_groups(dim - 1, boundaries)
+    name_groups(dim, parts)
+    write(options.order, options.output, dim)
+    if dim == 2:
+        report()
+    gmsh.finalize()
 
 
 def name_groups(dim, groups):

@@ -43,13 +43,13 @@ def structure(level, beam, sides, root, corners):
     """Make the beam a grid of alternating diagonals, its elements smallest at root and tip, and there at the corners."""
     mesh = gmsh.model.geo.mesh
     low, *tip, high = sides
-    factor = 2**level
-    across = THICKNESS // 2 * factor
+    along, across = (round(number * 2**level) for number in (SIDE, THICKNESS))
+    steps = max(across // 2 - 1, 1)  # from element to element of half the tip; a single one has none
     for side in (low, high):
-        mesh.setTransfiniteCurve(side, SIDE * factor + 1, "Bump", CLUSTER)
+        mesh.setTransfiniteCurve(side, along + 1, "Bump", CLUSTER)
     for half, first_to_last in zip(tip, (1 / NARROW, NARROW), strict=True):  # from the lower corner, to the upper one
-        mesh.setTransfiniteCurve(half, across + 1, "Progression", first_to_last ** (1 / (across - 1)))
-    mesh.setTransfiniteCurve(root, THICKNESS * factor + 1)
+        mesh.setTransfiniteCurve(half, across // 2 + 1, "Progression", first_to_last ** (1 / steps))
+    mesh.setTransfiniteCurve(root, across + 1)
     mesh.setTransfiniteSurface(beam, "Alternate", corners)
 
 
@@ -72,24 +72,23 @@ def geometry(level):
     return curves | {"cylinder": arcs[:-1], "root": arcs[-1:], "interface": sides}, {"fluid": [fluid], "beam": [beam]}
 
 
-def main():
-    """Write the mesh that the command line asks for."""
-    parser = gmsh_file.parse(__doc__.splitlines()[0], levels=5)
-    parser.add_argument("--part", choices=("fluid", "solid", "both"), default="both")
-    options = parser.parse_args()
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Verbosity", 2)
-    curves, surfaces = geometry(options.level)
-    unwanted = {"fluid": ("beam", "root"), "solid": ("fluid", "inlet", "outlet", "walls", "cylinder"), "both": ()}[options.part]
-    for dim, groups in ((1, curves), (2, surfaces)):
-        gmsh_file.name_groups(dim, {name: members for name, members in groups.items() if name not in unwanted})
+def channel(level, part):
+    """Build the surfaces with their element sizes; return curves and surfaces of the part by name."""
+    groups = geometry(level)
     for option in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
-    gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y) / 2**options.level)
-    gmsh_file.write(options.order, options.output)
-    gmsh_file.report()
-    print(f"elements over the thickness of the beam: {THICKNESS * 2**options.level}")
-    gmsh.finalize()
+    gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y) / 2**level)
+    unwanted = {"fluid": ("beam", "root"), "solid": ("fluid", "inlet", "outlet", "walls", "cylinder"), "both": ()}[part]
+    return ({name: members for name, members in named.items() if name not in unwanted} for named in groups)
+
+
+def main():
+    """Write the mesh that the command line asks for."""
+    parser = gmsh_file.parse(__doc__.splitlines()[0], range(-1, 5))
+    parser.add_argument("--part", choices=("fluid", "solid", "both"), default="both")
+    options = parser.parse_args()
+    gmsh_file.make(options, lambda level: channel(level, options.part))
+    print(f"elements over the thickness of the beam: {round(THICKNESS * 2**options.level)}")
 
 
 if __name__ == "__main__":

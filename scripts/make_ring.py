@@ -48,15 +48,7 @@ def _annulus(bottom, outer, left, inner):
 
 def main():
     """Write the mesh that the command line asks for."""
-    options = gmsh_file.parse(__doc__, levels=5).parse_args()
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Verbosity", 2)
-    curves, surfaces = geometry(options.level)
-    gmsh_file.name_groups(1, curves)
-    gmsh_file.name_groups(2, surfaces)
-    gmsh_file.write(options.order, options.output)
-    gmsh_file.report()
-    gmsh.finalize()
+    gmsh_file.make(gmsh_file.parse(__doc__, range(5)).parse_args(), geometry)
 
 
 if __name__ == "__main__":

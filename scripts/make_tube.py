@@ -45,14 +45,7 @@ def geometry(level):
 
 def main():
     """Write the mesh that the command line asks for."""
-    options = gmsh_file.parse(__doc__, levels=4).parse_args()
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Verbosity", 2)
-    surfaces, volumes = geometry(options.level)
-    gmsh_file.name_groups(2, surfaces)
-    gmsh_file.name_groups(3, volumes)
-    gmsh_file.write(options.order, options.output, dim=3)
-    gmsh.finalize()
+    gmsh_file.make(gmsh_file.parse(__doc__, range(4)).parse_args(), geometry, dim=3)
 
 
 if __name__ == "__main__":
