@@ -3,7 +3,8 @@
 python scripts/study_hron_turek.py CASE... [--levels 0,1,2] [--orders 1,2] [--set KEY=VALUE]... [--output DIR]
 
 CASE : cfd1 cfd2 cfd3 csm1 csm2 csm3 fsi1 fsi2 fsi3.  Meshes and runs go to results/hron_turek, the tables to DIR, which is
-docs/studies.  Rows that are in the table already are kept: a study that was stopped goes on.  The meshes need gmsh.
+docs/studies.  Rows that are in the table already are kept: a study that was stopped goes on.  The meshes need gmsh.  A list that
+starts with level -1 is written --levels=-1,0.
 """
 
 import argparse
@@ -207,7 +208,7 @@ def draw(figure, rows, case, expectations):
 
 def command(case, options):
     """Return the command line that makes the table of a case."""
-    words = ["python", "scripts/study_hron_turek.py", case, "--levels", options.levels, "--orders", options.orders]
+    words = ["python", "scripts/study_hron_turek.py", case, f"--levels={options.levels}", f"--orders={options.orders}"]
     return " ".join(words + [f"--set '{text}'" for text in options.set])
 
 

@@ -1,5 +1,7 @@
 """The shipped meshes of the channel and of the ring: geometry, names, conformity and shape of the triangles."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from porofsi_petsc.mesh import read_mesh
 from porofsi_petsc.mesh.topology import facet_multiplicity
 
 MESHES = Path(__file__).resolve().parents[1] / "configs" / "meshes"
+SCRIPTS = MESHES.parents[1] / "scripts"
 CHANNEL = ["hron_turek_0_p1", "hron_turek_0_p2", "hron_turek_1_p1"]
 RING = ["ring_0_p2", "ring_1_p2"]
 CENTRE, RADIUS, HALF, TIP = np.array([0.2, 0.2]), 0.05, 0.01, 0.6  # [m]
@@ -96,6 +99,18 @@ def test_a_level_halves_the_sizes():
     coarse, fine = (read_mesh(MESHES / f"hron_turek_{level}_p1.msh", 2) for level in (0, 1))
     for tag in ("inlet", "cylinder", "root", "interface"):
         assert len(fine.facets[tag]) == 2 * len(coarse.facets[tag])
+
+
+def test_a_level_below_zero_doubles_the_sizes(tmp_path):
+    """Two elements over the thickness of the beam, its tip in two with the point A between them."""
+    pytest.importorskip("gmsh")
+    path = tmp_path / "coarse.msh"
+    words = [sys.executable, SCRIPTS / "make_hron_turek.py", "--level", "-1", "--order", "2", "--output", path]
+    subprocess.run(words, check=True, capture_output=True)
+    coarse, fine = read_mesh(path, 2), read_mesh(MESHES / "hron_turek_0_p2.msh", 2)
+    for tag in ("root", "interface"):
+        assert len(fine.facets[tag]) == 2 * len(coarse.facets[tag])
+    assert (coarse.points == (TIP, CENTRE[1])).all(axis=1).any() and smallest_angle(coarse) > 20
 
 
 def test_the_quarter_ring_has_its_names_radii_and_areas(ring):
