@@ -2,7 +2,7 @@
 
 import math
 from functools import cache
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 
@@ -45,6 +45,16 @@ def quadrature(dim, degree):
         if available >= degree:
             return _symmetric(dim, SYMMETRIC[dim, available])
     return _collapsed(dim, degree)
+
+
+def subdivided(dim, degree, n):
+    """Return points and weights of the degree on each of the n^dim parts of a line or triangle whose edges are cut into n."""
+    points, weights = quadrature(dim, degree)
+    corners = np.array([c for c in product(range(n), repeat=dim) if sum(c) < n])
+    parts = [corner + points for corner in corners]
+    if dim == 2:
+        parts += [corner + 1 - points for corner in corners if sum(corner) < n - 1]
+    return np.vstack(parts) / n, np.tile(weights, len(parts)) / n**dim
 
 
 def _collapsed(dim, degree):

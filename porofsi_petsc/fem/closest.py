@@ -13,6 +13,7 @@ ROUND_OFF = 1e-12  # of reference coordinates
 REACH = {1: 1.0, 2: 5 / 3}
 # Of Gauss and Newton to a curved facet: each contracts by curvature times distance, on two sides of an interface by 0.1 or less.
 STEPS = 20
+CHUNK = 5000  # points at a time, whose candidates stay in memory
 OUTER = 2.0  # reference coordinates beyond which an iterate has left the facet for good
 
 
@@ -21,11 +22,14 @@ def closest_points(cell_element, X, points):
 
     cell_element : of the cells behind; X (F, Af, d) nodes of the facets [m]; points (N, d) [m].  Of several facets the first.
     """
-    facet, point = _candidates(X, points, REACH[cell_element.order])
-    element = FACET[cell_element.name]
-    xi, distance = _closest_on_facets(element, X[facet], points[point])
-    best = np.lexsort([facet, distance, point])[np.searchsorted(np.sort(point), np.arange(len(points)))]
-    return facet[best], element.shape(xi[best]), distance[best]
+    element, found = FACET[cell_element.name], []
+    for start in range(0, len(points), CHUNK):
+        some = points[start : start + CHUNK]
+        facet, point = _candidates(X, some, REACH[element.order])
+        xi, distance = _closest_on_facets(element, X[facet], some[point])
+        best = np.lexsort([facet, distance, point])[np.searchsorted(point, np.arange(len(some)))]
+        found.append((facet[best], element.shape(xi[best]), distance[best]))
+    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
 
 def facet_sizes(X):
@@ -36,13 +40,15 @@ def facet_sizes(X):
 def _candidates(X, points, reach):
     """Return facet and point, (P,) each: all pairs in which the facet may be the closest one.
 
-    The closest node bounds the distance, and no facet reaches farther from its centroid than the largest.
+    The closest node bounds the distance; a facet reaches no farther from its centroid than its radius.
     """
-    centroids, radius = X.mean(axis=1), reach * facet_sizes(X).max() / 2
+    centroids, radius = X.mean(axis=1), (1 + ROUND_OFF) * reach * facet_sizes(X) / 2
     bound, _ = cKDTree(X.reshape(-1, X.shape[2])).query(points)
-    lists = cKDTree(centroids).query_ball_point(points, (1 + ROUND_OFF) * (bound + radius), return_sorted=True)
+    lists = cKDTree(centroids).query_ball_point(points, bound + radius.max(), return_sorted=True)
     point = np.repeat(np.arange(len(points)), [len(facets) for facets in lists])
-    return np.concatenate(lists).astype(int), point
+    facet = np.concatenate(lists).astype(int)
+    near = np.linalg.norm(points[point] - centroids[facet], axis=1) <= bound[point] + radius[facet]
+    return facet[near], point[near]
 
 
 def _closest_on_facets(element, X, x):
@@ -72,7 +78,9 @@ def _stationary(element, X, x, corners):
             slope = np.swapaxes(X, 1, 2) @ (element.gradient(xi) @ directions.T)
             gap = x - _at(element.shape(xi), X)
             pull = (np.swapaxes(slope, 1, 2) @ gap[..., None])[..., 0]
-            s = (s + _solve(np.swapaxes(slope, 1, 2) @ slope, pull)).clip(-OUTER, OUTER)
+            before, s = s, (s + _solve(np.swapaxes(slope, 1, 2) @ slope, pull)).clip(-OUTER, OUTER)
+            if np.abs(s - before).max(initial=0.0) <= ROUND_OFF:
+                break
     inside = (s >= -ROUND_OFF).all(axis=1) & (s.sum(axis=1) <= 1 + ROUND_OFF)
     return corners[0] + s @ directions, inside
 

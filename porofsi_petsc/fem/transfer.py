@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 
 from ..errors import InputError
 from .closest import closest_points, facet_sizes
+from .projection import SurfaceProjection
 
 # Distance of a node from the other side over the facet there, at most: curved sides of straight facets are apart by the facets'
 # sagitta, 0.1 of a facet where eight of them make a circle.
@@ -23,94 +23,88 @@ class Pair:
 
 
 class InterfaceTransfer:
-    """Consistent interpolation and its transpose between the sides of an interface (Farhat, Lesoinne & Le Tallec 1998).
+    """L2 projection between the sides of an interface, and its transpose for the forces.
 
-        u_f = P u_s,   F_s = Pᵀ F_f,   so that F_f·u_f = F_s·u_s
+        ∮ N_a u_f dA = ∮ N_a u_s dA  for the shape functions N_a of the fluid's side:   u_f = P u_s,   F_s = Pᵀ F_f
 
-    A row of P holds the shape functions of the solid's facet at the point that is closest to the fluid's node in the reference
-    configuration: rows sum to 1, so that the total force stays.  Nodes that both sides share are left as they are; without other
-    ones both directions return what they get.
+    so that F_f·u_f = F_s·u_s; P reproduces what both sides can represent, constants and linear fields at least: the total force
+    and its moment stay (Farhat, Lesoinne & Le Tallec, CMAME 157 (1998) 95; Bernardi, Maday & Patera 1994).  Pᵀ spreads the
+    traction of the fluid, M⁻¹ F_f, over the solid's nodes, however fine they are.  Nodes that both sides share are left as they
+    are; without other ones both directions return what they get.
 
     fluid_nodes, solid_nodes : (n_local,) bool, the nodes of the interface on each side; a shared one is in both
     """
 
     def __init__(self, mesh, shared, pairs):
-        """Project the fluid's nodes on the solid's facets (collective); shared : (n_local,) bool; pairs : `Pair`s, may be none.
+        """Make the projections (collective); shared : (n_local,) bool; pairs : `Pair`s, may be none.
 
         Raises InputError where the sides of a pair are apart.
         """
-        self.fluid_nodes = self.solid_nodes = shared
-        self._matrix = None
-        if not pairs:
-            return
+        self.fluid_nodes, self.solid_nodes, self._parts = shared.copy(), shared.copy(), []
         taken = np.concatenate(mesh.comm.allgather(mesh.natural[: mesh.n_owned][shared[: mesh.n_owned]]))
-        parts = []
         for pair in pairs:
-            parts.append(_interpolation(mesh, pair, taken))
-            taken = np.concatenate([taken, parts[-1][0]])
-        fluid, columns, weights, solid = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        self._fluid, self._solid = (_SurfaceNodes(mesh, np.unique(nodes)) for nodes in (fluid, solid))
-        entries = self._fluid.rows(np.repeat(fluid, columns.shape[1])), self._solid.rows(columns.ravel())
-        shape = len(self._fluid.natural), len(self._solid.natural)
-        self._matrix = scipy.sparse.csr_matrix((weights.ravel(), entries), shape=shape)
-        self._to_fluid = self._matrix[self._fluid.rows(mesh.natural[self._fluid.local])]
-        self._to_solid = self._matrix.T.tocsr()[self._solid.rows(mesh.natural[self._solid.owned])]
-        self.fluid_nodes, self.solid_nodes = shared.copy(), shared.copy()
-        self.fluid_nodes[self._fluid.local] = self.solid_nodes[self._solid.local] = True
+            part = _Part(mesh, pair, taken)
+            taken = np.concatenate([taken, part.fluid.natural])
+            self.fluid_nodes[part.fluid.local] = self.solid_nodes[part.solid.local] = True
+            self._parts.append(part)
 
     def to_fluid(self, field):
         """Return a field of the solid (n_local, k) with P times it on the fluid's side of the interface (collective)."""
-        if self._matrix is None:
-            return field
-        extended = field.copy()
-        extended[self._fluid.local] = self._to_fluid @ self._solid.gather(field)
+        extended = field.copy() if self._parts else field
+        for part in self._parts:
+            extended[part.fluid.local] = part.to_fluid(part.solid.gather(field))[part.fluid.rows]
         return extended
 
     def to_solid(self, force):
         """Return forces (n_owned, d) [N] of which those on the fluid's side act on the solid's nodes, by Pᵀ (collective)."""
-        if self._matrix is None:
-            return force
-        moved = force.copy()
-        moved[self._fluid.owned] = 0.0
-        moved[self._solid.owned] += self._to_solid @ self._fluid.gather(force)
+        moved = force.copy() if self._parts else force
+        for part in self._parts:
+            moved[part.fluid.owned] = 0.0
+            spread = part.to_solid(part.fluid.gather(force))
+            moved[part.solid.owned] += spread[part.solid.rows[: len(part.solid.owned)]]
         return moved
 
 
-class _SurfaceNodes:
-    """Nodes of a surface, small enough that every rank knows all their values: no rank depends on what others hold.
+class _Part:
+    """The two sides of one pair, which every rank has and projects alike; fluid, solid : `_SurfaceNodes`."""
 
-    natural (N,) : ascending natural numbers; local, owned : the rows of this rank that are among them, with and without ghosts
+    def __init__(self, mesh, pair, taken):
+        (fluid, X_fluid), (solid, X_solid) = (_surface(mesh, tags) for tags in (pair.fluid, pair.solid))
+        _require_together(mesh.element, (X_fluid, X_solid), pair)
+        nodes = np.unique(fluid)
+        self._new = ~np.isin(nodes, taken)
+        self.fluid, self.solid = _SurfaceNodes(mesh, nodes[self._new]), _SurfaceNodes(mesh, np.unique(solid))
+        facets = np.searchsorted(nodes, fluid), np.searchsorted(self.solid.natural, solid)
+        self._projection = SurfaceProjection(mesh.element, facets, (X_fluid, X_solid))
+
+    def to_fluid(self, values):
+        """Return P times values (N_s, k) on the nodes that are not taken."""
+        return self._projection.project(values)[self._new]
+
+    def to_solid(self, forces):
+        """Return Pᵀ times forces (N_f, d) on the nodes that are not taken."""
+        whole = np.zeros((len(self._new), forces.shape[1]))
+        whole[self._new] = forces
+        return self._projection.transposed(whole)
+
+
+class _SurfaceNodes:
+    """Nodes of a surface, few enough that every rank knows all their values: what it computes does not depend on the others.
+
+    natural (N,) : ascending natural numbers; local, owned : the nodes of this rank among them, with and without ghosts;
+    rows : the positions of `local` in `natural`
     """
 
     def __init__(self, mesh, natural):
         self.natural, self._comm = natural, mesh.comm
         self.local = np.flatnonzero(np.isin(mesh.natural, natural))
         self.owned = self.local[self.local < mesh.n_owned]
+        self.rows = np.searchsorted(natural, mesh.natural[self.local])
         self._order = np.argsort(np.concatenate(mesh.comm.allgather(mesh.natural[self.owned])))
-
-    def rows(self, natural):
-        """Return the positions of nodes among those of the surface."""
-        return np.searchsorted(self.natural, natural)
 
     def gather(self, field):
         """Return the values of a field, (n_owned, k) or longer, in the order of the natural numbers, (N, k) (collective)."""
         return np.concatenate(self._comm.allgather(field[self.owned]))[self._order]
-
-
-def _interpolation(mesh, pair, taken):
-    """Return the fluid's nodes (N,) that are not taken, the solid's (N, Af) and weights (N, Af) of each, all the solid's nodes.
-
-    Natural numbers; every rank has both surfaces and finds the same (collective).
-    """
-    (fluid, X_fluid), (solid, X_solid) = (_surface(mesh, tags) for tags in (pair.fluid, pair.solid))
-    nodes, points = _nodes(fluid, X_fluid)
-    facet, weights, distance = closest_points(mesh.element, X_solid, points)
-    _require_near(points, distance, facet_sizes(X_solid)[facet], pair.fluid, pair.solid, pair.where)
-    solid_nodes, solid_points = _nodes(solid, X_solid)
-    back, _, distance = closest_points(mesh.element, X_fluid, solid_points)
-    _require_near(solid_points, distance, facet_sizes(X_fluid)[back], pair.solid, pair.fluid, pair.where)
-    new = ~np.isin(nodes, taken)
-    return nodes[new], solid[facet[new]], weights[new], solid_nodes
 
 
 def _surface(mesh, tags):
@@ -121,18 +115,16 @@ def _surface(mesh, tags):
     return nodes[order], X[order]
 
 
-def _nodes(facets, X):
-    """Return the nodes of facets (F, Af), ascending, and their coordinates."""
-    nodes, first = np.unique(facets, return_index=True)
-    return nodes, X.reshape(-1, X.shape[2])[first]
-
-
-def _require_near(points, distance, size, tags, others, where):
-    """Raise InputError where a point of some tags is farther from a facet of the other side than a part GAP of its size."""
-    worst = np.argmax(distance / size)
-    if distance[worst] > GAP * size[worst]:
-        place = ", ".join(f"{x:.6g}" for x in points[worst])
-        names = [", ".join(f"'{tag}'" for tag in group) for group in (tags, others)]
-        apart = f"a node of {names[0]} at ({place}) m is {distance[worst]:.3g} m away from {names[1]}"
-        expected = f"expected at most {GAP:g} of the facet there, {GAP * size[worst]:.3g} m"
-        raise InputError(f"{where}: {apart}, {expected}; let both surfaces cover the same interface")
+def _require_together(element, sides, pair):
+    """Raise InputError where a node of one side, (F, Af, d) each, is farther from the other than GAP times the facet there."""
+    for near, far, tags, others in ((0, 1, pair.fluid, pair.solid), (1, 0, pair.solid, pair.fluid)):
+        points = sides[near].reshape(-1, element.dim)
+        facet, _, distance = closest_points(element, sides[far], points)
+        size = facet_sizes(sides[far])[facet]
+        worst = np.argmax(distance / size)
+        if distance[worst] > GAP * size[worst]:
+            place = ", ".join(f"{x:.6g}" for x in points[worst])
+            names = [", ".join(f"'{tag}'" for tag in group) for group in (tags, others)]
+            apart = f"a node of {names[0]} at ({place}) m is {distance[worst]:.3g} m away from {names[1]}"
+            expected = f"expected at most {GAP:g} of the facet there, {GAP * size[worst]:.3g} m"
+            raise InputError(f"{pair.where}: {apart}, {expected}; let both surfaces cover the same interface")
