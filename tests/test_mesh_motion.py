@@ -13,6 +13,7 @@ from running import SCENES, Job, run_here
 from porofsi_petsc import load_scene
 from porofsi_petsc.clock import second_order
 from porofsi_petsc.errors import ConvergenceError
+from porofsi_petsc.fem.geometry import shape_quality
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
@@ -79,6 +80,23 @@ def test_a_motion_that_inverts_an_element_says_where_and_what_to_do(law):
     assert "\n" not in str(error.value) and np.array_equal(coupling.motion.u, before)
     coupling.reset()
     assert move(coupling, 0.5, step=0.5).smallest_ratio == pytest.approx(0.4, rel=1e-10)  # 1 - 1.2/2, increments of 1e-11
+
+
+REGULAR = {
+    2: [[0, 0], [1, 0], [0.5, np.sqrt(0.75)]],
+    3: [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
+}
+
+
+@pytest.mark.parametrize("dim", REGULAR)
+def test_the_shape_of_an_element_is_its_mean_ratio(dim):
+    """1 for a regular simplex of any size and place; stretched by s along an axis d s^(2/d)/(s² + d - 1)."""
+    regular, stretch = np.array(REGULAR[dim], dtype=float), np.eye(dim)
+    stretch[0, 0] = 3.0
+    elements = np.array([regular, 1e-3 * regular + 7.0, regular @ stretch, 5.0 * regular[::-1] @ stretch])
+    stretched = dim * 3.0 ** (2 / dim) / (9.0 + dim - 1)
+    # digits left of 1e-3 at a distance of 7
+    assert shape_quality(elements) == pytest.approx([1.0, 1.0, stretched, stretched], rel=1e-12)
 
 
 # A mesh that is fine at its lower side, where a dent is pressed into it.
