@@ -4,57 +4,61 @@ from math import ceil
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from ..elements.quadrature import subdivided
 from ..elements.simplex import FACET
 from ..kernels.surface import facet_normal
-from ..mesh.topology import cell_facets, facet_multiplicity
+from ..mesh.topology import cell_facets, group_rows
 from .closest import closest_points, facet_sizes
 
 # Parts of an edge for each facet of the other side, whose shape functions have kinks inside; and at most, by the dimension of the
 # surface.
 FINER, FINEST, ROUND_OFF = 2, {1: 16, 2: 4}, 1e-9
+SHARP = np.cos(np.radians(50))  # of the angle between normals: eight facets of a circle are smooth, corners are not
 
 
 class SurfaceProjection:
-    """u = P w with ∮ ψ_i u dA = ∮ ψ_i w dA for every inner node i of a surface, and u = w at the nodes r of its rim.
+    """u = P w with ∮ ψ_i u dA = ∮ ψ_i w dA for the inner nodes i of the faces of a surface, u = w at the nodes r of their rims.
 
-    The rim, where the surface ends at walls or symmetry planes, keeps what is prescribed there; ψ_i is N_i with the N_r of the
-    rim's nodes to which i is the closest inner one, so that Σ ψ_i = 1 and Pᵀ makes constant tractions of constant ones (Bernardi,
-    Maday & Patera 1994).  With nodes s of the source and R = N_s at the rim:  M_ψi u_i = (M_ψs - M_ψr R) w.  The same quadrature
-    on both sides makes P exact for all fields that both can represent, whatever its points are.
+    Faces end at sharp edges, where tractions jump, and with the surface, at walls and symmetry planes, where u is prescribed.  On
+    a face ψ_i is N_i with the N_r of the rim's nodes to which i is the closest inner one, so that Σ ψ_i = 1 and Pᵀ makes constant
+    tractions of constant ones (Bernardi, Maday & Patera 1994).  With nodes s of the source and R = N_s at the rims:
+    M_ψi u_i = (M_ψs - M_ψr R) w.  The same quadrature on both sides makes P exact for all fields that both can represent.
     """
 
     def __init__(self, cell_element, facets, X):
         """Take target and source: facets, (F, Af) positions of their nodes, and coordinates (F, Af, d) [m]."""
-        element, (target, source), (X_target, X_source) = FACET[cell_element.name], facets, X
-        n, n_source = target.max() + 1, source.max() + 1
-        points = np.empty((n, cell_element.dim))
+        self._element, (target, source), (X_target, X_source) = cell_element, facets, X
+        self._shape = target.max() + 1, source.max() + 1
+        face, self._rim = _faces(target, X_target, FACET[cell_element.name])
+        self._inner = np.setdiff1d(np.arange(self._shape[0]), self._rim)
+        points = np.empty((self._shape[0], cell_element.dim))
         points[target] = X_target
-        self._rim = np.unique(_rim(target, element))
-        self._inner = np.setdiff1d(np.arange(n), self._rim)
         facet, N, _ = closest_points(cell_element, X_source, points[self._rim])
-        self._at_rim = _sparse(N, np.arange(len(self._rim)), source[facet], (len(self._rim), n_source))
-        refinement = facet_sizes(X_target).max() / facet_sizes(X_source).min()
-        rule = subdivided(element.dim, 2 * element.order, min(ceil(FINER * refinement - ROUND_OFF), FINEST[element.dim]))
-        mass, crossed = (self._weighted(points, m) for m in _masses(cell_element, element, facets, X, rule, (n, n_source)))
+        self._at_rim = _sparse(N, source[facet], (len(self._rim), self._shape[1]))
+        mass, crossed = (m[self._inner] for m in self._masses(_tests(target, face, self._rim, points), facets, X))
         self._crossed = crossed - mass[:, self._rim] @ self._at_rim
         self._factor = splu(mass[:, self._inner].tocsc()) if len(self._inner) else None
 
-    def _weighted(self, points, mass):
-        """Return the rows of ψ_i, (n_inner, ...), from those of N_a, (n, ...)."""
-        inner, rim = mass[self._inner], mass[self._rim]
-        if not (len(self._inner) and len(self._rim)):
-            return inner
-        _, closest = cKDTree(points[self._inner]).query(points[self._rim])
-        ones = np.ones(len(closest))
-        return inner + scipy.sparse.csr_matrix((ones, (closest, np.arange(len(closest)))), (len(self._inner), len(closest))) @ rim
+    def _masses(self, tests, facets, X):
+        """Return ∮ ψ_a N_b dA, (n, n), and ∮ ψ_a N_s dA, (n, n_source); tests : those of `_tests`."""
+        element, (target, source), (X_target, X_source), n = FACET[self._element.name], facets, X, self._shape[0]
+        refinement = ceil(FINER * facet_sizes(X_target).max() / facet_sizes(X_source).min() - ROUND_OFF)
+        points, weights = subdivided(element.dim, 2 * element.order, min(refinement, FINEST[element.dim]))
+        N, dA = element.shape(points), facet_normal(element.gradient(points), weights, X_target)
+        facet, N_source, _ = closest_points(self._element, X_source, (N @ X_target).reshape(-1, self._element.dim))
+        count, everywhere = len(facet), np.tile(N, (len(target), 1))
+        test, here = (_sparse(everywhere, np.repeat(nodes, len(N), axis=0), (count, n + 1)) for nodes in (tests, target))
+        there = _sparse(N_source, source[facet], (count, self._shape[1]))
+        weighted = test[:, :n].T @ scipy.sparse.diags(np.linalg.norm(dA, axis=-1).ravel())
+        return (weighted @ here[:, :n]).tocsr(), (weighted @ there).tocsr()
 
     def project(self, values):
         """Return P w on the target's nodes, (n, k), of values w (n_source, k)."""
-        projected = np.empty((len(self._rim) + len(self._inner), values.shape[1]))
+        projected = np.empty((self._shape[0], values.shape[1]))
         projected[self._rim] = self._at_rim @ values
         projected[self._inner] = self._solve(self._crossed @ values, "N")
         return projected
@@ -67,27 +71,38 @@ class SurfaceProjection:
         return self._factor.solve(right, transposed) if self._factor else right
 
 
-def _rim(facets, element):
-    """Return the nodes of the edges (in the plane: the ends) that belong to one facet only."""
-    single = facet_multiplicity(facets, element) == 1
-    return cell_facets(facets, element)[single].ravel()
+def _faces(facets, X, element):
+    """Return the face of every facet, (F,), and the nodes on the rims of faces, ascending."""
+    middle = np.full((1, element.dim), 1 / (element.dim + 1))
+    normals = facet_normal(element.gradient(middle), np.ones(1), X)[:, 0]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edges = cell_facets(facets, element)
+    group = group_rows(edges[:, :, : element.dim].reshape(-1, element.dim))
+    owner = np.repeat(np.arange(len(facets)), edges.shape[1])
+    order = np.argsort(group, kind="stable")
+    same = group[order[1:]] == group[order[:-1]]
+    first, second = order[:-1][same], order[1:][same]
+    smooth = (normals[owner[first]] * normals[owner[second]]).sum(axis=1) > SHARP
+    first, second = first[smooth], second[smooth]
+    links = scipy.sparse.coo_matrix((np.ones(len(first)), (owner[first], owner[second])), (len(facets),) * 2)
+    on_rim = ~np.isin(np.arange(len(owner)), np.concatenate([first, second]))
+    return connected_components(links, directed=False)[1], np.unique(edges.reshape(len(owner), -1)[on_rim])
 
 
-def _masses(cell_element, element, facets, X, rule, shape):
-    """Return ∮ N_a N_b dA of the target, (n, n), and ∮ N_a N_s dA with the source, (n, n_source), by a rule on the target."""
-    (target, source), (X_target, X_source), (points, weights) = facets, X, rule
-    N, dN = element.shape(points), element.gradient(points)
-    dA = np.linalg.norm(facet_normal(dN, weights, X_target), axis=-1)
-    places = (N @ X_target).reshape(-1, cell_element.dim)
-    facet, N_source, _ = closest_points(cell_element, X_source, places)
-    row = np.arange(len(places))
-    here = _sparse(np.tile(N, (len(target), 1)), row, np.repeat(target, len(N), axis=0), (len(places), shape[0]))
-    there = _sparse(N_source, row, source[facet], (len(places), shape[1]))
-    weighted = here.T @ scipy.sparse.diags(dA.ravel())
-    return (weighted @ here).tocsr(), (weighted @ there).tocsr()
+def _tests(facets, face, rim, points):
+    """Return the inner node whose ψ holds the shape function of a node on a facet, (F, Af); n where the face has none."""
+    tests, at_rim = facets.copy(), np.isin(facets, rim)
+    tests[at_rim] = len(points)
+    for number in np.unique(face):
+        here = face == number
+        inner = np.unique(facets[here][~at_rim[here]])
+        if len(inner):
+            mine = here[:, None] & at_rim
+            tests[mine] = inner[cKDTree(points[inner]).query(points[facets[mine]])[1]]
+    return tests
 
 
-def _sparse(values, rows, columns, shape):
-    """Return the matrix with values (R, A) in rows (R,) and columns (R, A)."""
-    entries = np.repeat(rows, columns.shape[1]), columns.ravel()
+def _sparse(values, columns, shape):
+    """Return the matrix with values (R, A) in columns (R, A) of its rows."""
+    entries = np.repeat(np.arange(len(columns)), columns.shape[1]), columns.ravel()
     return scipy.sparse.csr_matrix((values.ravel(), entries), shape=shape)
