@@ -128,7 +128,7 @@ class MeshMotion(Table):
 
     law: Literal["linear_elastic", "harmonic", "neo_hookean"] = "linear_elastic"
     poisson: Annotated[Number, Field(gt=-1, lt=0.5)] = 0.3
-    stiffening: Annotated[Number, Field(ge=0)] = 1.5
+    stiffening: Annotated[Number, Field(ge=0)] = 1.0
 
 
 class Petsc(Table):
