@@ -181,7 +181,8 @@ def test_one_way_leaves_the_fluid_untouched(tmp_path):
     fluid = [name for name in soft if name.startswith("flap.f") or name == "tip.p"]
     # a fluid that has converged is corrected once more while the solid iterates: the tolerance
     assert max(np.abs(soft[name][1:] / stiff[name][1:] - 1).max() for name in fluid) < 1e-7
-    assert not soft["tip.vf_x"].any() and soft["tip.u_x"][-1] > 5 * stiff["tip.u_x"][-1] > 0
+    assert np.abs(soft["tip.vf_x"]).max() < 1e-14  # of about 1 m/s beside it: the round-off of where the probe is
+    assert soft["tip.u_x"][-1] > 5 * stiff["tip.u_x"][-1] > 0
     rigid = run(tmp_path, FLAP, "material.1.solid.young=1e10", "time.end=0.05")[1]
     error = abs(rigid["flap.f_x"][-1] / stiff["flap.f_x"][-1] - 1)
     print(f"force on a rigid flap: strong {rigid['flap.f_x'][-1]:.6f}, one-way {stiff['flap.f_x'][-1]:.6f}, error {error:.1e}")
