@@ -3,6 +3,7 @@
 import json
 import sys
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -225,6 +226,24 @@ def test_another_scene_is_refused(stopped, tmp_path, overrides, sentence):
     with pytest.raises(InputError, match=sentence) as error:
         run_here(elsewhere(stopped, tmp_path, "time.end=0.02", *overrides))
     assert "\n" not in str(error.value)
+
+
+def test_a_key_that_the_checkpoint_does_not_know_has_its_default(stopped, tmp_path):
+    """One of an older version, which had fewer keys; another value than the default is still another scene."""
+    job = elsewhere(stopped, tmp_path, "time.end=0.015")
+    older = tmp_path / "older.h5"
+    older.write_bytes(Path(job.restart).read_bytes())
+    with h5py.File(older, "r+") as file:
+        entries = json.loads(file.attrs["header"])
+        assert "backflow = 0.0" in entries["scene"]
+        entries["scene"] = entries["scene"].replace("backflow = 0.0\n", "").replace("convection = true\n", "")
+        file.attrs["header"] = json.dumps(entries)
+    with pytest.raises(InputError, match=r"model\.convection.*written with False, the scene has True"):
+        run_here(replace(job, restart=str(older)))
+    assert (
+        run_here(replace(job, restart=str(older), overrides=(*job.overrides, "model.convection=false"), force=True))["exit_code"]
+        == 0
+    )
 
 
 @pytest.mark.parametrize("kept", [100, 5000, -1])

@@ -2,7 +2,7 @@
 
 from .catalogue import list_scenes
 from .expressions import Expression
-from .load import load_scene, scene_to_toml
+from .load import completed, load_scene, scene_to_toml
 from .schema import Scene
 
-__all__ = ["Expression", "Scene", "list_scenes", "load_scene", "scene_to_toml"]
+__all__ = ["Expression", "Scene", "completed", "list_scenes", "load_scene", "scene_to_toml"]

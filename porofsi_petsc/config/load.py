@@ -50,7 +50,19 @@ def _smoke_changes(path, tables):
 
 def scene_to_toml(scene):
     """Return the scene as TOML with every default written out and absolute paths; it loads again to an equal scene."""
-    return tomli_w.dumps(_without_empty(scene.model_dump(mode="json", by_alias=True, exclude_none=True)))
+    return tomli_w.dumps(_tables(scene))
+
+
+def _tables(scene):
+    return _without_empty(scene.model_dump(mode="json", by_alias=True, exclude_none=True))
+
+
+def completed(tables):
+    """Return the tables of a scene with the defaults of keys that it lacks, unchanged where they are no scene any more."""
+    try:
+        return _tables(Scene.model_validate(tables, context={"folder": Path.cwd()}))
+    except ValidationError:
+        return tables
 
 
 def _without_empty(tables):

@@ -1,5 +1,6 @@
 """Continue from a checkpoint, on any number of ranks; what may have changed in the scene and what not."""
 
+from ..config import completed
 from ..errors import InputError
 from ..output.checkpoint import read_checkpoint
 from ..output.files import parse_toml
@@ -22,7 +23,7 @@ def resume(path, mesh, scene, text, loop, coupling, energy, measures):
 
 
 def _load(path, header, arrays, scene, text, loop, coupling, energy, measures):
-    _require_same_scene(path, parse_toml(header["scene"]), parse_toml(text))
+    _require_same_scene(path, completed(parse_toml(header["scene"])), parse_toml(text))
     if header["time"] >= scene.time.end:
         received = f"the checkpoint is at t = {header['time']:g} s"
         raise InputError(f"{path}: {received}, expected less than time.end = {scene.time.end:g} s; raise time.end")
