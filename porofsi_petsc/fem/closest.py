@@ -23,7 +23,7 @@ def closest_points(cell_element, X, points):
     cell_element : of the cells behind; X (F, Af, d) nodes of the facets [m]; points (N, d) [m].  Of several facets the first.
     """
     element, found = FACET[cell_element.name], []
-    for start in range(0, len(points), CHUNK):
+    for start in range(0, max(len(points), 1), CHUNK):
         some = points[start : start + CHUNK]
         facet, point = _candidates(X, some, REACH[element.order])
         xi, distance = _closest_on_facets(element, X[facet], some[point])
@@ -46,7 +46,7 @@ def _candidates(X, points, reach):
     bound, _ = cKDTree(X.reshape(-1, X.shape[2])).query(points)
     lists = cKDTree(centroids).query_ball_point(points, bound + radius.max(), return_sorted=True)
     point = np.repeat(np.arange(len(points)), [len(facets) for facets in lists])
-    facet = np.concatenate(lists).astype(int)
+    facet = np.concatenate([[], *lists]).astype(int)
     near = np.linalg.norm(points[point] - centroids[facet], axis=1) <= bound[point] + radius[facet]
     return facet[near], point[near]
 

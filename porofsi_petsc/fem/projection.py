@@ -14,9 +14,9 @@ from ..kernels.surface import facet_normal
 from ..mesh.topology import cell_facets, group_rows
 from .closest import closest_points, facet_sizes
 
-# Parts of an edge for each facet of the other side, whose shape functions have kinks inside; and at most, by the dimension of the
+# Parts of an edge for each facet of the other side, whose shape functions have kinks inside, and at most; by the dimension of the
 # surface.
-FINER, FINEST, ROUND_OFF = 2, {1: 16, 2: 4}, 1e-9
+FINER, FINEST, ROUND_OFF = {1: 4, 2: 2}, {1: 32, 2: 4}, 1e-9
 SHARP = np.cos(np.radians(50))  # of the angle between normals: eight facets of a circle are smooth, corners are not
 
 
@@ -46,7 +46,7 @@ class SurfaceProjection:
     def _masses(self, tests, facets, X):
         """Return ∮ ψ_a N_b dA, (n, n), and ∮ ψ_a N_s dA, (n, n_source); tests : those of `_tests`."""
         element, (target, source), (X_target, X_source), n = FACET[self._element.name], facets, X, self._shape[0]
-        refinement = ceil(FINER * facet_sizes(X_target).max() / facet_sizes(X_source).min() - ROUND_OFF)
+        refinement = ceil(FINER[element.dim] * facet_sizes(X_target).max() / facet_sizes(X_source).min() - ROUND_OFF)
         points, weights = subdivided(element.dim, 2 * element.order, min(refinement, FINEST[element.dim]))
         N, dA = element.shape(points), facet_normal(element.gradient(points), weights, X_target)
         facet, N_source, _ = closest_points(self._element, X_source, (N @ X_target).reshape(-1, self._element.dim))
