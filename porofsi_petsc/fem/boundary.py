@@ -7,7 +7,7 @@ import numpy as np
 from ..elements.quadrature import quadrature
 from ..elements.simplex import FACET, barycentric
 from ..kernels.surface import backflow_residual, backflow_tangent, facet_normal, surface_load, surface_mass, weak_zero
-from ..mesh.topology import cell_facets, locate_facets
+from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 from ..tensors import inverse
 from .geometry import Rule
 
@@ -166,7 +166,7 @@ class InterfaceMass:
 
         tags : of more facets of the domain, where the other one has nodes of its own
         """
-        element, facet = domain.element, FACET[domain.element.name]
+        element = domain.element
         facets = cell_facets(domain.cells, element)
         rows, local = np.nonzero((domain.holds & other.holds)[facets[:, :, : element.dim]].all(axis=2))
         shared = (
@@ -175,16 +175,8 @@ class InterfaceMass:
         more = [domain.mesh.facets[tag] for tag in tags]
         rows = np.concatenate([rows[shared], *(domain.row_of_cell[tagged.cells] for tagged in more)])
         local = np.concatenate([local[shared], *(tagged.local for tagged in more)])
-        rule, terms = Rule.of(facet, 2 * element.order), np.zeros((len(rows), element.nodes, element.nodes))
-        areas = np.zeros(len(rows))
-        for number, nodes in enumerate(element.facets):
-            here = np.flatnonzero(local == number)
-            coordinates = domain.mesh.X[facets[rows[here], number]]
-            dA = np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1)
-            areas[here] = dA.sum(axis=1)
-            terms[np.ix_(here, nodes, nodes)] = surface_mass(rule.N, dA, np.ones((len(here), 1)))
-        area = domain.mesh.comm.allreduce(float(areas[domain.owned[rows]].sum()))
-        return cls(rows, terms, area)
+        terms, areas = facet_masses(domain, rows, local)
+        return cls(rows, terms, domain.mesh.comm.allreduce(float(areas[domain.owned[rows]].sum())))
 
     def add_to(self, values, alpha, chunk, dim):
         """Add α times the terms to the components i < dim of the tangents (E, A, m, A, m) of a slice of the elements."""
@@ -197,6 +189,38 @@ class InterfaceMass:
         vectors = np.zeros((*domain.cells.shape, field.shape[1]))
         np.add.at(vectors, self.rows, self.terms @ field[domain.cells[self.rows]])
         return domain.scatter_add(vectors)
+
+
+def open_facets(domain, held):
+    """Return rows and local numbers, (F,) each, of the facets around a `Domain` through which it may flow.
+
+    held : (n_local, d) bool, prescribed components of the velocity; a facet is closed where all its nodes hold its normal
+    """
+    element, facet = domain.element, FACET[domain.element.name]
+    rows, local = boundary_facets(domain.cells, element)
+    nodes = cell_facets(domain.cells[rows], element)[np.arange(len(rows)), local]
+    centroid = np.full((1, element.dim - 1), 1 / element.dim)
+    normal = facet_normal(facet.gradient(centroid), np.ones(1), domain.mesh.X[nodes])
+    held2 = (held[nodes] * normal**2).sum(axis=2)
+    is_open = (held2 <= 0.5 * (normal**2).sum(axis=2)).any(axis=1)
+    return rows[is_open], local[is_open]
+
+
+def facet_masses(domain, rows, local):
+    """Return ∮ N_a N_b dA, (F, A, A), and the areas (F,) of facets of a `Domain` in the reference configuration.
+
+    rows, local : (F,) their elements and local numbers
+    """
+    element, facet = domain.element, FACET[domain.element.name]
+    rule, terms = Rule.of(facet, 2 * element.order), np.zeros((len(rows), element.nodes, element.nodes))
+    areas = np.zeros(len(rows))
+    for number, nodes in enumerate(element.facets):
+        here = np.flatnonzero(local == number)
+        coordinates = domain.mesh.X[domain.cells[rows[here]][:, list(nodes)]]
+        dA = np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1)
+        areas[here] = dA.sum(axis=1)
+        terms[np.ix_(here, nodes, nodes)] = surface_mass(rule.N, dA, np.ones((len(here), 1)))
+    return terms, areas
 
 
 def tags_of(mesh, row_of_cell):

@@ -33,7 +33,8 @@ class LinearSolver:
     near_nullspace : arrays of the owned rows (`rigid_body_modes`), for algebraic multigrid
     fields         : dict name -> PETSc.IS, the splits of a FieldSplit preconditioner; "p" gets the scaled constants as its
                      near-null space (`pressure_pc`)
-    preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no -pc_python_type is given
+    preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no -pc_python_type is given:
+                     of the whole matrix, or of the field "p" of a FieldSplit
 
     Reuse rule.  After `update` an iterative solver keeps its old preconditioner as long as the last solve took at most
     1.5 n + 2 iterations, n the number at the first solve after it was built; then, or when a solve with it fails, it is
@@ -68,8 +69,8 @@ class LinearSolver:
         self._x, self._b = matrix.createVecs()
         self._pressure = fields.get("p") if fields else None
         self._constants = _pressure_constants(matrix, prefix, self._pressure)
-        self.ksp = _make_ksp(matrix, prefix, fields)
-        if preconditioner and self.ksp.getPC().getType() == PETSc.PC.Type.PYTHON and not self.ksp.getPC().getPythonType():
+        self.ksp, self._preconditioner = _make_ksp(matrix, prefix, fields), preconditioner
+        if self.preconditioned_by_object and not self._splits:
             self.ksp.getPC().setPythonContext(preconditioner)
         _living.append(self)
 
@@ -77,6 +78,18 @@ class LinearSolver:
     def direct(self) -> bool:
         """Return whether the solver is a factorization without iterations."""
         return self.ksp.getType() == PETSc.KSP.Type.PREONLY
+
+    @property
+    def preconditioned_by_object(self) -> bool:
+        """Return whether the options leave the given preconditioner its place."""
+        if self._preconditioner is None:
+            return False
+        options, block = PETSc.Options().getAll(), self.prefix + ("fieldsplit_p_" if self._splits else "")
+        return options.get(block + "pc_type") == PETSc.PC.Type.PYTHON and block + "pc_python_type" not in options
+
+    @property
+    def _splits(self):
+        return self.ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT
 
     @property
     def solves(self) -> int:
@@ -148,6 +161,7 @@ class LinearSolver:
         try:
             self.ksp.setUp()
             if fresh:
+                self._prepare_pressure()
                 self.ksp.setUpOnBlocks()
         except PETSc.Error as error:
             if error.ierr in _MISSING:
@@ -158,6 +172,13 @@ class LinearSolver:
         self._changed = self._rebuild = False
         self.setup_time += time.perf_counter() - start
         return fresh
+
+    def _prepare_pressure(self):
+        """Let the given object act on the pressure's block, which a FieldSplit makes in its first set-up."""
+        if self._splits and self.preconditioned_by_object:
+            block = self.ksp.getPC().getFieldSplitSubKSP()[1].getPC()
+            if block.getPythonContext() is not self._preconditioner:
+                block.setPythonContext(self._preconditioner)
 
     def _set_constants(self):
         """Set the near-null space of the pressure block, D^½ 1 under the scaling to a unit diagonal (collective)."""

@@ -10,6 +10,7 @@ from ..kernels.solid import displacement_gradient, longitudinal_modulus
 from ..stopwatch import timed
 from .loads import body_acceleration
 from .parameters import StabilizationParameters
+from .pressure_operators import PressureOperators
 from .residual import Residual
 from .tangent import TangentRule
 from .transfer import Flow
@@ -39,7 +40,7 @@ class FluidPhase:
         self.force, self._force0 = (np.zeros((self.mesh.n_owned, self.mesh.dim)) for _ in range(2))
         self._p0_age = None  # time from the level of _p0 to the accepted end of step [s]; None: no line through _p0
         self._rule = TangentRule(self.is_linear)
-        self._matrix = self._solver = None
+        self._matrix = self._solver = self._pressure = None
         self._parameters = StabilizationParameters(setup)
         self.robin_coefficient = 0.0  # α of a Robin condition [Pa s/m]
         self.assemblies = 0
@@ -345,8 +346,26 @@ class FluidPhase:
             self._chi = self.dragged_fraction(skeleton, rates)
         self.assemblies += 1
         if self._solver is None:
-            self._solver = self._setup.new_solver(self._matrix, self.components)
+            self._make_solver()
+        if self._pressure is not None:
+            self._assemble_pressure(skeleton, rates, fields)
         self._solver.refactor()
+
+    def _make_solver(self):
+        """Make the KSP, and what preconditions the pressure of a free fluid where the KSP has a place for it."""
+        pressure = PressureOperators(self._setup) if self._setup.has_pressure_operators else None
+        self._solver = self._setup.new_solver(self._matrix, self.components, pressure and pressure.preconditioner)
+        self._pressure = pressure if self._solver.preconditioned_by_object else None
+
+    def _assemble_pressure(self, skeleton, rates, fields):
+        """Make the operators that precondition the pressure at the state of the tangent."""
+        speed = max(self.mesh.comm.allgather(float(_largest(fields.c).max(initial=0.0))))
+        diagonal = self._matrix.mat.getDiagonal().getArray()[self.mesh.dim :: self.components]
+        chunks = (
+            (chunk, self._elements(region, chunk, skeleton.configuration), _part(fields, chunk))
+            for region, chunk in self.domain.chunks(self._doubles_per_cell)
+        )
+        self._pressure.assemble(chunks, rates.c_f, speed, self.robin_coefficient, diagonal)
 
     def _element_tangents(self, skeleton, rates, fields, split, components):
         """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields."""

@@ -189,9 +189,17 @@ class FluidSetup(PhaseSetup):
         n, d = owned.shape
         return np.where(self.mask[:n, :d], 0.0, owned)
 
-    def new_solver(self, matrix, components):
-        """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner."""
+    @property
+    def has_pressure_operators(self):
+        """Return whether the pressure of an iterative solver is preconditioned by operators of its own: in a free fluid."""
+        return self.pspg and any(material.is_free_fluid for material in self.materials.values())
+
+    def new_solver(self, matrix, components, preconditioner=None):
+        """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner.
+
+        preconditioner : object with setUp(pc) and apply(pc, x, y) for the pressure, where it has operators of its own
+        """
         domain, mesh = self.domain, self.domain.mesh
         fields = fluid_fields(mesh.comm, domain.first, len(domain.nodes), mesh.dim, components)
-        defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg)
-        return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields)
+        defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg, self.has_pressure_operators)
+        return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields, preconditioner=preconditioner)

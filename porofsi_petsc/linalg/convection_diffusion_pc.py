@@ -1,0 +1,59 @@
+"""PETSc Python preconditioner of the pressure block of a free fluid: pressure convection-diffusion."""
+
+from petsc4py import PETSc
+
+
+class PressureConvectionDiffusion:
+    """Precondition the Schur complement of the pressure by S⁻¹ ≈ Q⁻¹ + L⁻¹ T M⁻¹ (derivation: `kernels.pressure`).
+
+    Every inverse is a KSP of its own with a fixed linear operator, options `<prefix of the block>compliance_` (Q), `laplacian_`
+    (L) and `mass_` (M).  The matrices are those of the caller, given to `replace` before every set-up and not freed here.
+    A KSP that scales the matrix to a unit diagonal asks for D^½ S⁻¹ D^½, D the diagonal of the pressure's block.
+    """
+
+    def __init__(self):
+        """Start without operators."""
+        self._parts = ()
+
+    def replace(self, compliance, laplacian, transport, mass, diagonal):
+        """Take Q, L, T, M (PETSc.Mat) and the diagonal of the pressure's block of the unscaled matrix, (owned rows,)."""
+        self._compliance, self._laplacian, self._transport, self._mass = compliance, laplacian, transport, mass
+        self._diagonal = diagonal
+
+    def setUp(self, pc):
+        """Set up the inner solvers and find the scaling from the diagonal of the block (collective)."""
+        self.destroy(pc)
+        prefix = pc.getOptionsPrefix() or ""
+        self._Q = _solver(self._compliance, prefix + "compliance_")
+        self._L = _solver(self._laplacian, prefix + "laplacian_")
+        self._M = _solver(self._mass, prefix + "mass_")
+        self._scale = pc.getOperators()[1].getDiagonal()
+        with self._scale as scale:
+            scale[:] = (self._diagonal / scale) ** 0.5
+        self._x, self._y, self._z = (self._scale.duplicate() for _ in range(3))
+        self._parts = self._Q, self._L, self._M, self._scale, self._x, self._y, self._z
+
+    def apply(self, pc, x, y):
+        """Set y to D^½ (Q⁻¹ + L⁻¹ T M⁻¹) D^½ x."""
+        self._x.pointwiseMult(self._scale, x)
+        self._M.solve(self._x, self._y)
+        self._transport.mult(self._y, self._z)
+        self._L.solve(self._z, self._y)
+        self._Q.solve(self._x, self._z)
+        self._y.axpy(1.0, self._z)
+        y.pointwiseMult(self._scale, self._y)
+
+    def destroy(self, pc):
+        """Free the inner solvers (collective)."""
+        for part in self._parts:
+            part.destroy()
+        self._parts = ()
+
+
+def _solver(matrix, prefix):
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setOptionsPrefix(prefix)
+    ksp.setOperators(matrix)
+    ksp.setFromOptions()
+    ksp.setUp()
+    return ksp

@@ -1,0 +1,62 @@
+"""The operators on the pressure space of a free fluid that precondition its Schur complement, made anew with every tangent."""
+
+import numpy as np
+
+from ..fem.boundary import facet_masses, open_facets
+from ..kernels import pressure as kernel
+from ..linalg.convection_diffusion_pc import PressureConvectionDiffusion
+
+# γ of the coefficient γ/(w h) of p = 0 on open boundaries; from 1 to 16 the iterations change by 2 at most.
+PENALTY = 4.0
+
+
+class PressureOperators:
+    """Q, L, T, M of `kernels.pressure` for a `phases.setup.FluidSetup`, and the preconditioner that uses them.
+
+    L has the conditions of the pressure where the solver knows no velocity: p = 0 weakly on an open boundary, p = α v_n on an
+    interface with a Robin condition; where the velocity is prescribed none (Neumann).
+    """
+
+    def __init__(self, setup):
+        """Find the open boundaries; the matrices come with the first operators (collective)."""
+        self._setup, self.domain = setup, setup.domain
+        self.preconditioner = PressureConvectionDiffusion()
+        self._matrix, self._operators = None, {}
+        domain = self.domain
+        self._rows, local = open_facets(domain, setup.solver_mask[:, : domain.dim])
+        self._surface, _ = facet_masses(domain, self._rows, local)
+        nodes = domain.cells[self._rows[:, None], np.array(domain.element.facets)[local]]
+        self._on_interface = setup.no_slip[nodes].all(axis=1)
+        self._extent = domain.sum_owned(domain.reference.dV.sum(axis=1)) ** (1 / domain.dim)
+
+    def assemble(self, chunks, c_f, speed, alpha, diagonal):
+        """Make the operators of a tangent and give them to the preconditioner (collective).
+
+        chunks : (slice, `FlowElements`, `FlowFields`) of all elements; c_f = da/dv [1/s]; speed : largest |c| [m/s];
+        alpha : α of a Robin condition [Pa s/m]; diagonal : of the pressure's block of the tangent, (owned rows,)
+        """
+        if self._matrix is None:
+            self._matrix = self._setup.new_matrix("pressure_", 1, np.zeros((self.domain.n_local, 1), dtype=bool))
+        values = {name: np.empty(self._matrix.values.shape) for name in ("compliance", "laplacian", "transport", "mass")}
+        weight = np.empty(self.domain.n_cells)
+        for chunk, elements, fields in chunks:
+            w = kernel.resistance(elements, c_f) + self._outer_resistance(elements, speed)
+            weight[chunk] = w.mean(axis=1)
+            values["compliance"][chunk] = kernel.pressure_compliance(elements, self.domain.h[chunk])
+            values["laplacian"][chunk] = kernel.pressure_laplacian(elements, w)
+            values["transport"][chunk] = kernel.pressure_transport(elements, fields, c_f, w)
+            values["mass"][chunk] = kernel.mass_matrix(elements.N, elements.geometry.dV)
+        self._add_surface(values["laplacian"], weight, alpha)
+        for name, of_elements in values.items():
+            self._matrix.assemble(of_elements)
+            self._operators[name] = self._matrix.mat.copy(self._operators.get(name))
+        self.preconditioner.replace(**self._operators, diagonal=diagonal)
+
+    def _outer_resistance(self, elements, speed):
+        """Return (ρ C + μ/H)/H, what convection and viscosity oppose to a flow through the domain: w > 0 where r = 0."""
+        return (elements.rho * speed + elements.mu / self._extent) / self._extent
+
+    def _add_surface(self, laplacian, weight, alpha):
+        """Add ∮ q p/(α + w h/γ) to L: α and the resistance of the elements beside it act in series."""
+        resistance = weight[self._rows] * self.domain.h[self._rows] / PENALTY + np.where(self._on_interface, alpha, 0.0)
+        np.add.at(laplacian, self._rows, self._surface / resistance[:, None, None])
