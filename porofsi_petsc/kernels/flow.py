@@ -19,6 +19,14 @@ traction ∮ w·σ n on it.
     ∫ q div v + ∫ τ ∇q·r
 
 Where it flows through a porous solid, v is the volume-averaged velocity v_s + n_f w and S w_rel = S (v - v_s) is added to r.
+
+At a point the forms are N_a A + ∂_j N_a B_j for the test functions of node a: with the rows i of the momentum and the last one of
+the volume balance (free fluid in brackets where it differs)
+
+    A_i = r_i + div(2 n μ sym ∇v)_i  [- ∂_i p]      B_ij = n μ (∂_j v_i + ∂_i v_j) + τ ρ r_i c_j + n ν_L div δ_ij  [- p δ_ij]
+    A   = div v_s  [div v]                          B_j  = -n w_rel,j  [0] + τ n r_j + c_v τ_u,jk ∂_k (p - p_n)
+
+The tangent is the same sum with the derivatives of A and B by the nodal unknowns; `flow_loops` has both, compiled.
 """
 
 from dataclasses import dataclass
@@ -26,7 +34,9 @@ from typing import Any
 
 import numpy as np
 
-from .assemble import add_isotropic, bilinear, broadcast_gradient, diffusion, laplacian, mass_matrix, test_gradient, test_value
+from . import flow_loops
+from .assemble import laplacian, mass_matrix
+from .compiled import plain
 
 MOMENTUM_TERMS = ("inertia", "pressure", "drag", "body", "viscous", "stabilization")
 VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
@@ -78,7 +88,7 @@ class FlowFields:
 
 @dataclass(frozen=True)
 class FlowPoints:
-    """Pointwise quantities that residual and tangent share; c None without convection, w None without drag."""
+    """Pointwise quantities that residual and tangents share; c None without convection, w None without drag."""
 
     c: np.ndarray | None
     grad_v: np.ndarray
@@ -88,219 +98,83 @@ class FlowPoints:
     residual: np.ndarray
 
 
-def _nodal_gradient(G, U):
-    """Return dU_k/dx_j, (E, Q', k, d), of nodal values U (E, A, k)."""
-    return np.swapaxes(U, 1, 2)[:, None] @ G
-
-
 def flow_points(el, f):
     """Return the pointwise quantities of a state."""
-    G = el.geometry.G
-    grad_v = _nodal_gradient(G, f.v)
-    grad_p = _nodal_gradient(G, f.p[..., None])[:, :, 0]
-    acceleration = el.rho[..., None] * (el.N @ f.a)
-    c = el.N @ f.c if el.convection else None
-    if el.convection:
-        acceleration = acceleration + el.rho[..., None] * (grad_v @ c[..., None])[..., 0]
-    w = None if el.S is None else el.N @ (f.v - f.v_s)
-    residual = acceleration - el.rho[..., None] * f.b + (grad_p if el.free else el.n[..., None] * grad_p)
-    if w is not None:
-        residual = residual + el.S[..., None] * w
-    if el.second is not None:
-        residual = residual - viscous_force(el, f, grad_v)
-    return FlowPoints(c, grad_v, acceleration, grad_p, w, residual)
+    sizes, elements, fields = _arguments(el, f)
+    E, Q, d = f.b.shape
+    grad_v = np.empty((E, Q, d, d))
+    grad_p, acceleration, c, w, residual = (np.empty((E, Q, d)) for _ in range(5))
+    flow_loops.points_loop(*sizes)(elements, fields, flow_loops.new_point(*sizes), grad_v, grad_p, acceleration, c, w, residual)
+    return FlowPoints(c if el.convection else None, grad_v, acceleration, grad_p, None if el.S is None else w, residual)
 
 
-def viscous_force(el, f, grad_v):
-    """Return div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n], (E, Q, d) [N/m³]."""
-    force = el.mu * el.n[..., None] * el.second.viscous(f.v, grad_v)
-    if el.grad_n is None:
-        return force
-    return force + el.mu * ((grad_v + np.swapaxes(grad_v, 2, 3)) @ el.grad_n[..., None])[..., 0]
-
-
-def flow_residual(el, f):
+def flow_residual(el, f, terms=None):
     """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E, A) [m³/s] of VOLUME_TERMS.
 
     The skeleton's volume term of a free fluid is its own, ∫ q div v.
+    terms : (E, A, `term_columns`), where they are written: views of it are returned
     """
-    x = flow_points(el, f)
-    G, dV = el.geometry.G, el.geometry.dV
-    momentum, volume = np.zeros((len(MOMENTUM_TERMS), *f.v.shape)), np.zeros((len(VOLUME_TERMS), *f.p.shape))
-    balances = _free_balances if el.free else _porous_balances
-    div = balances(momentum, volume, el, f, x)
-    if el.mu:
-        viscous = (el.n * el.mu)[..., None, None] * (x.grad_v + np.swapaxes(x.grad_v, 2, 3))
-        momentum[4] = test_gradient(G, dV, viscous)
-    if el.convection:
-        supg = (el.tau_supg * el.rho)[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
-        lsic = el.n * el.nu_lsic * div
-        momentum[5] = test_gradient(G, dV, supg + lsic[..., None, None] * np.eye(G.shape[-1]))
-    if el.tau_u is not None:
-        volume[3] = undrained_residual(el, f.dp)
-    return momentum, volume
+    sizes, elements, fields = _arguments(el, f)
+    E, A, d = fields.v.shape
+    if terms is None:
+        terms = np.empty((E, A, term_columns(d)))
+    flow_loops.residual_loop(*sizes)(elements, fields, flow_loops.new_point(*sizes), terms)
+    return split_terms(terms, d)
 
 
-def _porous_balances(momentum, volume, el, f, x):
-    """Set inertia, pressure, drag and body force, skeleton, seepage and PSPG; return div v_s + n div w, (E, Q) [1/s]."""
-    G, dV, n = el.geometry.G, el.geometry.dV, el.n[..., None]
-    d = G.shape[-1]
-    div_vs = np.broadcast_to(np.einsum("eqii->eq", _nodal_gradient(G, f.v_s)), dV.shape)
-    forces = [x.acceleration, n * x.grad_p, el.S[..., None] * x.w, -el.rho[..., None] * f.b]
-    valued = test_value(el.N, dV, np.concatenate([*forces, div_vs[..., None]], axis=-1))
-    for i in range(len(forces)):
-        momentum[i] = valued[..., i * d : (i + 1) * d]
-    volume[0] = valued[..., -1]
-    fluxes = np.stack([-n * x.w, (el.tau * el.n)[..., None] * x.residual], axis=-2)
-    volume[1:3] = np.moveaxis(test_gradient(G, dV, fluxes), -1, 0)
-    return div_vs + el.n * (np.einsum("eqii->eq", x.grad_v) - div_vs)
+def term_columns(d):
+    """Return the number of columns of all terms in d dimensions."""
+    return len(MOMENTUM_TERMS) * d + len(VOLUME_TERMS)
 
 
-def _free_balances(momentum, volume, el, f, x):
-    """Set inertia, pressure, drag, body force, volume and PSPG of a free fluid; return div v, (E, Q) [1/s]."""
-    G, dV = el.geometry.G, el.geometry.dV
-    d = G.shape[-1]
-    div = np.broadcast_to(np.einsum("eqii->eq", x.grad_v), dV.shape)
-    values = np.concatenate([x.acceleration, -el.rho[..., None] * f.b, div[..., None]], axis=-1)
-    valued = test_value(el.N, dV, values)
-    momentum[0], momentum[3], volume[0] = valued[..., :d], valued[..., d : 2 * d], valued[..., -1]
-    momentum[1] = test_gradient(G, dV, -(f.p @ el.N.T)[..., None, None] * np.eye(d))
-    if x.w is not None:
-        momentum[2] = test_value(el.N, dV, el.S[..., None] * x.w)
-    volume[2] = test_gradient(G, dV, (el.tau[..., None] * x.residual)[..., None, :])[..., 0]
-    return div
+def split_terms(terms, d):
+    """Return views on momentum terms (T, ..., d) and volume terms (T, ...) of terms (..., `term_columns`)."""
+    count = len(MOMENTUM_TERMS)
+    momentum = terms[..., : count * d].reshape(*terms.shape[:-1], count, d)
+    return np.moveaxis(momentum, -2, 0), np.moveaxis(terms[..., count * d :], -1, 0)
 
 
-def undrained_gradient(el):
-    """Return the gradients the undrained-limit stabilization acts on: all of them (order 1), their fluctuation (order 2).
-
-    For order 2 the mean over the element is left out, so that a linear pressure is untouched and the order of convergence stays.
-    """
-    G, dV = el.geometry.G, el.geometry.dV
-    if el.order == 1:
-        return G
-    mean = np.einsum("eq,eqaj->eaj", dV / dV.sum(axis=1, keepdims=True), broadcast_gradient(G, dV.shape[1]))
-    return G - mean[:, None]
-
-
-def undrained_residual(el, dp):
-    """Return ∫ c_v τ_u ∇q·∇(p - p_n), (E, A) [m³/s]: the skeleton's compliance at grid scale times the pressure rate."""
-    G = undrained_gradient(el)
-    gradient = _nodal_gradient(G, dp[..., None])
-    return test_gradient(G, el.geometry.dV, gradient @ el.tau_u)[..., 0]
-
-
-def flow_tangent(el, f, c_f, components):
-    """Return the derivative of `flow_residual` by (v, p) on the collocation level, (E, A, m, A, m), m = components >= d + 1.
+def flow_tangent(el, f, c_f, K=None):
+    """Return the derivative of `flow_residual` by (v, p) on the collocation level, (E, A, m, A, m), m = d + 1.
 
     c_f = d a/d v [1/s], zero without inertia.  τ and ν_L are frozen (they belong to the start of the step), so this is exact.
+    K : contiguous, where it is written; may have m > d + 1 unknowns per node, the rest of which is set to zero
     """
-    x = flow_points(el, f)
-    G, dV = el.geometry.G, el.geometry.dV
-    E, _, A, d = G.shape
-    Gq = broadcast_gradient(G, dV.shape[1])
-    K = np.zeros((E, A, components, A, components))
-    strong = _strong_isotropic(el, x, Gq, c_f)
-    scalar = bilinear(np.broadcast_to(el.N, strong.shape) * dV[..., None], strong)
-    if el.mu:
-        scalar = scalar + _add_viscous(K, el, Gq)
-    full = _strong_full(el, x, Gq) if el.convection or el.second is not None else None
-    if el.second is not None:
-        strong = strong - el.mu * _scalar_viscous_force(el, Gq)
-    if el.convection:
-        streamline = (el.tau_supg * el.rho * dV)[..., None] * _advected(x, Gq)
-        scalar = scalar + bilinear(streamline, strong)
-        _add_convection(K, el, x, Gq, full, streamline)
-    add_isotropic(K, scalar, d)
-    _add_pressure(K, el, Gq)
-    _add_pspg(K, el, Gq, strong, full)
-    if el.tau_u is not None:
-        K[:, :, d, :, d] += diffusion(undrained_gradient(el), el.tau_u, dV)
+    sizes, elements, fields = _arguments(el, f)
+    E, A, d = fields.v.shape
+    if K is None:
+        K = np.empty((E, A, d + 1, A, d + 1))
+    D = np.zeros((1 + d, d + 1, A, K.shape[2]))
+    point, flat = flow_loops.new_point(*sizes), D.reshape(1 + d, -1)
+    flow_loops.tangent_loop(*sizes, K.shape[2])(elements, fields, float(c_f), point, D, flat, K.reshape(E, A, -1))
     return K
 
 
-def _advected(x, Gq):
-    """Return c·∇N_b, (E, Q, A) [1/s]."""
-    return (Gq @ x.c[..., None])[..., 0]
-
-
-def _strong_isotropic(el, x, Gq, c_f):
-    """Return the isotropic part of d r/d v_b without viscosity, (E, Q, A) [kg/(m³ s)]."""
-    rate = el.rho * c_f if el.S is None else el.rho * c_f + el.S
-    strong = rate[..., None] * el.N
-    return strong + el.rho[..., None] * _advected(x, Gq) if el.convection else strong
-
-
-def _scalar_viscous_force(el, Gq):
-    """Return the isotropic part of div(2 n sym ∇v) by v_b, n ΔN_b + ∇n·∇N_b, (E, Q, A) [1/m²]."""
-    force = el.n[..., None] * np.einsum("eqaii->eqa", el.second.shapes)
-    return force if el.grad_n is None else force + (Gq @ el.grad_n[..., None])[..., 0]
-
-
-def _add_viscous(K, el, Gq):
-    """Add ∫ n μ ∂_j N_a ∂_i N_b to K; return the isotropic part ∫ n μ ∇N_a·∇N_b, (E, A, A) [N s/m]."""
-    weight = el.n * el.mu * el.geometry.dV
-    for i in range(Gq.shape[-1]):
-        for j in range(Gq.shape[-1]):
-            K[:, :, i, :, j] += bilinear(weight[..., None] * Gq[..., j], Gq[..., i])
-    return laplacian(el.geometry.G, weight)
-
-
-def _add_pressure(K, el, Gq):
-    """Add the pressure's force and the adjoint volume balance: ±∫ N_a n ∂_j N_b and ∓ its transpose (upper sign: porous)."""
-    d = Gq.shape[-1]
-    values = (el.n * el.geometry.dV)[..., None] * el.N
-    for j in range(d):
-        gradient = bilinear(values, Gq[..., j])
-        adjoint = np.swapaxes(gradient, 1, 2)
-        K[:, :, j, :, d] += -adjoint if el.free else gradient
-        K[:, :, d, :, j] += gradient if el.free else -adjoint
-
-
-def _add_pspg(K, el, Gq, strong, full):
-    """Add ∫ τ n ∇q·δr; δr has an isotropic part by v (E, Q, A), a full one (E, Q, A, d, d) or None, and n ∇δp."""
-    dV, d = el.geometry.dV, Gq.shape[-1]
-    weight = (el.tau * el.n * dV)[..., None]
-    for j in range(d):
-        K[:, :, d, :, j] += bilinear(weight * Gq[..., j], strong)
-        if full is not None:
-            for i in range(d):
-                K[:, :, d, :, j] += bilinear(weight * Gq[..., i], full[..., i, j])
-    K[:, :, d, :, d] += laplacian(el.geometry.G, el.tau * el.n**2 * dV)
+def _arguments(el, f):
+    """Return the sizes (A, d), elements and fields for a compiled loop."""
+    G, dV = el.geometry.G, el.geometry.dV
+    second, drag, undrained, graded = el.second, el.S is not None, el.tau_u is not None, el.grad_n is not None
+    curved, none = second is not None, np.empty((0, 0))
+    elements = flow_loops.Elements(
+        N=plain(el.N), G=plain(G), dV=plain(dV), n=plain(el.n), rho=plain(el.rho), S=plain(el.S) if drag else none,
+        mu=float(el.mu), tau=plain(el.tau), tau_supg=plain(el.tau_supg), nu_lsic=plain(el.nu_lsic),
+        tau_u=plain(el.tau_u) if undrained else np.empty((0, 0, 0, 0)),
+        nodes=plain(second.element.node_coordinates) if curved else none,
+        hessian=plain(second.element.hessian()) if curved else np.empty((0, 0, 0)),
+        bend=plain(second.bend) if curved else np.empty((0, 0, 0)), grad_n=plain(el.grad_n) if graded else np.empty((0, 0, 0)),
+        convection=bool(el.convection), drag=drag, undrained=undrained, curved=curved, graded=graded,
+        free=bool(el.free),
+    )  # fmt: skip
+    fields = flow_loops.Fields(
+        plain(f.v), plain(f.a), plain(f.c) if el.convection else np.empty((0, 0, 0)),
+        plain(f.v_s) if drag or not el.free else np.empty((0, 0, 0)), plain(f.p), plain(f.dp) if undrained else none, plain(f.b),
+    )  # fmt: skip
+    return G.shape[2:], elements, fields
 
 
 def strong_gradient(el, x):
     """Return ρ ∂v_i/∂x_j, (E, Q, d, d): the derivative of the convective force by c_j."""
     return el.rho[..., None, None] * x.grad_v
-
-
-def _strong_full(el, x, Gq):
-    """Return the non-isotropic part of d r_i/d v_bj, (E, Q, A, d, d)."""
-    d = Gq.shape[-1]
-    full = np.zeros((*Gq.shape[:3], d, d))
-    if el.convection:
-        full += el.N[..., None, None] * strong_gradient(el, x)[:, :, None]
-    if el.second is not None:
-        full -= el.mu * el.n[..., None, None, None] * el.second.shapes
-    if el.second is not None and el.grad_n is not None:
-        full -= el.mu * Gq[..., None] * el.grad_n[:, :, None, None]
-    return full
-
-
-def _add_convection(K, el, x, Gq, full, streamline):
-    """Add the Newton part of convection, SUPG (with the change of its test function) and LSIC to K."""
-    dV, N = el.geometry.dV, el.N
-    newton = (el.rho * dV)[..., None] * N
-    supg = (el.tau_supg * el.rho * dV)[..., None] * x.residual
-    lsic = el.n**2 * el.nu_lsic * dV
-    values, d = np.broadcast_to(N, newton.shape), Gq.shape[-1]
-    for i in range(d):
-        K[:, :, i, :, d] += bilinear(streamline * el.n[..., None], Gq[..., i])
-        for j in range(d):
-            K[:, :, i, :, j] += bilinear(newton * x.grad_v[..., i, j, None], values)
-            K[:, :, i, :, j] += bilinear(streamline, full[..., i, j])
-            K[:, :, i, :, j] += bilinear(supg[..., i, None] * Gq[..., j], values)
-            K[:, :, i, :, j] += bilinear(lsic[..., None] * Gq[..., i], Gq[..., j])
 
 
 def add_skeleton_answer(K, el, mass_weight, laplacian_weight):

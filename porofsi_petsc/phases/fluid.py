@@ -188,14 +188,13 @@ class FluidPhase:
         """Return the `Residual`s of momentum [N] and of the volume balance [m³/s] of the trial state on the skeleton."""
         domain = self.domain
         fields = self._trial_fields(skeleton)
-        shape = fields.v.shape
-        momentum = np.empty((len(kernel.MOMENTUM_TERMS), *shape))
-        volume = np.empty((len(kernel.VOLUME_TERMS), *shape[:2]))
+        terms = np.empty((*fields.p.shape, kernel.term_columns(domain.dim)))
         for region, chunk in domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
-            momentum[:, chunk], volume[:, chunk] = kernel.flow_residual(elements, _part(fields, chunk))
-        momentum_terms = {name: domain.scatter_add(m) for name, m in zip(kernel.MOMENTUM_TERMS, momentum, strict=True)}
-        volume_terms = {name: domain.scatter_add(v) for name, v in zip(kernel.VOLUME_TERMS, volume, strict=True)}
+            kernel.flow_residual(elements, _part(fields, chunk), terms[chunk])
+        momentum, volume = kernel.split_terms(domain.scatter_add(terms), domain.dim)
+        momentum_terms = dict(zip(kernel.MOMENTUM_TERMS, momentum, strict=True))
+        volume_terms = dict(zip(kernel.VOLUME_TERMS, volume[..., None], strict=True))
         momentum_terms["traction"], volume_terms["flux"] = -self._traction, self._flux
         for boundary in self._setup.open_boundaries:
             boundary.add_to(momentum_terms["traction"], skeleton.displacement, fields.v, fields.c)
@@ -336,10 +335,9 @@ class FluidPhase:
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.solver_mask)
         values = self._setup.element_view(self._matrix, self.components)
-        for chunk, K in self._element_tangents(skeleton, rates, fields, self._setup.split, self.components):
+        for chunk, K in self._element_tangents(skeleton, rates, fields, self._setup.split, values):
             if self._setup.robin is not None:
                 self._setup.robin.add_to(K, self.robin_coefficient, chunk, self.mesh.dim)
-            values[chunk] = K
         self._matrix.assemble()
         self._tangent_J = skeleton.configuration.J
         if self._setup.porous:
@@ -367,11 +365,11 @@ class FluidPhase:
         )
         self._pressure.assemble(chunks, rates.c_f, speed, self.robin_coefficient, diagonal)
 
-    def _element_tangents(self, skeleton, rates, fields, split, components):
-        """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields."""
+    def _element_tangents(self, skeleton, rates, fields, split, values=None):
+        """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields; with `values` of all elements, a view of them."""
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            K = kernel.flow_tangent(elements, _part(fields, chunk), rates.c_f, components)
+            elements, part = self._elements(region, chunk, skeleton.configuration), _part(fields, chunk)
+            K = kernel.flow_tangent(elements, part, rates.c_f, None if values is None else values[chunk])
             if split == "corrected":
                 self._add_skeleton_answer(K, elements, self._setup.materials[region], skeleton, rates, chunk)
             for boundary in self._setup.open_boundaries:
@@ -380,7 +378,7 @@ class FluidPhase:
 
     def trial_tangents(self, rates, skeleton):
         """Yield (chunk, tangent (E, A, d + 1, A, d + 1)) of the trial state on a fixed mesh, of the plain split."""
-        return self._element_tangents(skeleton, rates, self._trial_fields(skeleton), "plain", self.mesh.dim + 1)
+        return self._element_tangents(skeleton, rates, self._trial_fields(skeleton), "plain")
 
     def exchange_tangents(self, rates, skeleton):
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the skeleton's positions) of the trial state."""

@@ -1,0 +1,66 @@
+"""Element routines compiled by Numba: one source for all elements, whose sizes the compiler knows, kept on disk."""
+
+import hashlib
+import os
+from functools import cache, wraps
+from pathlib import Path
+
+import numba
+import numpy as np
+from numba.core import config
+
+# LLVM may do to floating point what keeps the meaning of NaN and infinity, by which inadmissible states are found.  A division by
+# zero gives infinity.  Arrays are not counted references: the counters cost up to seven times the arithmetic (measured), and a
+# loop allocates nothing, it works in memory that it is given.
+OPTIONS = {"fastmath": {"contract", "reassoc", "arcp", "nsz"}, "error_model": "numpy", "_nrt": False}
+
+
+def _source_hash():
+    """Return a hash of every file that holds compiled routines: Numba itself looks at the file of the outermost one only."""
+    folder = Path(__file__).resolve().parent
+    files = sorted([*folder.glob("*.py"), *(folder.parent / "materials").glob("*.py")])
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+
+
+def _cache_folder():
+    """Return where machine code is kept: below $NUMBA_CACHE_DIR, else below the user's cache folder."""
+    cache_home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(config.CACHE_DIR or cache_home / "porofsi_petsc") / _source_hash()
+
+
+CACHE_FOLDER = _cache_folder()
+
+
+def inlined(function):
+    """Compile a routine of a point or an element that becomes a part of every `specialized` one that calls it."""
+    return numba.njit(function, **OPTIONS, forceinline=True)
+
+
+def specialized(make):
+    """Return a function (*sizes) -> compiled loop, from one (*sizes) -> loop over elements, made and kept for every set of sizes.
+
+    Machine code is read from disk or compiled and written at the first call.  Every set has files of its own, which Numba
+    replaces atomically and all processes fill alike: many ranks may start at once.
+    """
+
+    @cache
+    @wraps(make)
+    def of_sizes(*sizes):
+        loop = make(*sizes)
+        loop.__qualname__ = "_".join([make.__name__, *map(str, sizes)])
+        return _compile_cached(loop)
+
+    return of_sizes
+
+
+def _compile_cached(loop):
+    users, config.CACHE_DIR = config.CACHE_DIR, str(CACHE_FOLDER)
+    try:
+        return numba.njit(loop, **OPTIONS, cache=True)
+    finally:
+        config.CACHE_DIR = users
+
+
+def plain(array):
+    """Return an array as the loops want it, so that each is compiled for one type: float64, contiguous, writeable."""
+    return np.require(array, np.float64, ["C", "W"])

@@ -1,0 +1,432 @@
+"""Compiled loops of `flow` over elements and points.
+
+At a point the residuals of node a are N_a A_i + ∂_j N_a B_ij dV, row i < d of the momentum and row d of the volume balance.  The
+densities A, B and their derivatives by the nodal unknowns are those in the docstring of `flow`.
+
+A nodes, d dimensions, m unknowns per node in the matrix.  Gradients are constant over an element with A = d + 1 nodes.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .compiled import inlined, specialized
+
+
+class Elements(NamedTuple):
+    """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says so.
+
+    nodes (A, d) on the reference simplex, hessian (A, d, d) and bend (E, d, d²) of `fem.geometry.SecondDerivatives`
+    """
+
+    N: np.ndarray
+    G: np.ndarray
+    dV: np.ndarray
+    n: np.ndarray
+    rho: np.ndarray
+    S: np.ndarray
+    mu: float
+    tau: np.ndarray
+    tau_supg: np.ndarray
+    nu_lsic: np.ndarray
+    tau_u: np.ndarray
+    nodes: np.ndarray
+    hessian: np.ndarray
+    bend: np.ndarray
+    grad_n: np.ndarray
+    convection: bool
+    drag: bool
+    undrained: bool
+    curved: bool
+    graded: bool
+    free: bool
+
+
+class Fields(NamedTuple):
+    """`flow.FlowFields` for a compiled loop; one that is not read is empty."""
+
+    v: np.ndarray
+    a: np.ndarray
+    c: np.ndarray
+    v_s: np.ndarray
+    p: np.ndarray
+    dp: np.ndarray
+    b: np.ndarray
+
+
+class Point(NamedTuple):
+    """State at a point: shape gradients g (A, d), ∇v and ∇v_s (d, d), ∇p, c, w, forces (d,); d xi/dx and ∇∇U; mean of g."""
+
+    g: np.ndarray
+    grad_v: np.ndarray
+    grad_vs: np.ndarray
+    grad_p: np.ndarray
+    acceleration: np.ndarray
+    c: np.ndarray
+    w: np.ndarray
+    residual: np.ndarray
+    pull: np.ndarray
+    bent: np.ndarray
+    second: np.ndarray
+    hessian_v: np.ndarray
+    mean: np.ndarray
+
+
+def new_point(A, d):
+    """Return the memory of a point."""
+    return Point(
+        np.empty((A, d)), np.empty((d, d)), np.empty((d, d)), np.zeros(d), np.zeros(d), np.zeros(d), np.zeros(d), np.zeros(d),
+        np.empty((d, d)), np.empty((d, d)), np.empty((d, d)), np.empty((d, d, d)), np.zeros((A, d)),
+    )  # fmt: skip
+
+
+@inlined
+def set_point(A, d, el, f, e, q, x):
+    """Set the state at point q of element e: r = ρ (a + c·∇v) + n ∇p + S w - ρ b - div(2 n μ sym ∇v)."""
+    if q == 0 or A > d + 1:
+        for a in range(A):
+            for j in range(d):
+                x.g[a, j] = el.G[e, q if A > d + 1 else 0, a, j]
+        _set_gradients(A, d, f.v, e, x.g, x.grad_v)
+        if not el.free:
+            _set_gradients(A, d, f.v_s, e, x.g, x.grad_vs)
+    for i in range(d):
+        acceleration, grad_p = 0.0, 0.0
+        for a in range(A):
+            acceleration += el.N[q, a] * f.a[e, a, i]
+            grad_p += x.g[a, i] * f.p[e, a]
+        x.acceleration[i], x.grad_p[i] = el.rho[e, q] * acceleration, grad_p
+    if el.convection:
+        _add_convection(A, d, el, f, e, q, x)
+    for i in range(d):
+        x.residual[i] = x.acceleration[i] - el.rho[e, q] * f.b[e, q, i] + el.n[e, q] * x.grad_p[i]
+    if el.drag:
+        _add_drag(A, d, el, f, e, q, x)
+    if el.curved:
+        _set_pull(A, d, el, x)
+        _subtract_viscous_force(A, d, el, f, e, q, x)
+
+
+@inlined
+def _set_gradients(A, d, U, e, g, gradient):
+    """Set dU_i/dx_j, (d, d), of nodal values U (E, A, d)."""
+    for i in range(d):
+        for j in range(d):
+            total = 0.0
+            for a in range(A):
+                total += U[e, a, i] * g[a, j]
+            gradient[i, j] = total
+
+
+@inlined
+def _add_convection(A, d, el, f, e, q, x):
+    """Set c and add ρ c·∇v to the acceleration."""
+    for i in range(d):
+        c = 0.0
+        for a in range(A):
+            c += el.N[q, a] * f.c[e, a, i]
+        x.c[i] = c
+    for i in range(d):
+        carried = 0.0
+        for j in range(d):
+            carried += x.grad_v[i, j] * x.c[j]
+        x.acceleration[i] += el.rho[e, q] * carried
+
+
+@inlined
+def _add_drag(A, d, el, f, e, q, x):
+    """Set w = v - v_s and add S w to the residual."""
+    for i in range(d):
+        w = 0.0
+        for a in range(A):
+            w += el.N[q, a] * (f.v[e, a, i] - f.v_s[e, a, i])
+        x.w[i] = w
+        x.residual[i] += el.S[e, q] * w
+
+
+@inlined
+def _set_pull(A, d, el, x):
+    """Set dxi_m/dx_i, (d, d) [1/m]: the map represents xi by its values at the nodes."""
+    for m in range(d):
+        for i in range(d):
+            pull = 0.0
+            for a in range(A):
+                pull += el.nodes[a, m] * x.g[a, i]
+            x.pull[m, i] = pull
+
+
+@inlined
+def _set_second_derivatives(A, d, U, gradient, k, el, e, x, second):
+    """Set d²U/dx_i dx_j = (d²U/dxi_m dxi_n - dU/dx_k d²x_k/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j, (d, d), of U (d, d) and (d,)."""
+    for m in range(d):
+        for n in range(d):
+            bent = U[k, m, n]
+            for r in range(d):
+                bent -= gradient[k, r] * el.bend[e, r, m * d + n]
+            x.bent[m, n] = bent
+    for i in range(d):
+        for j in range(i + 1):
+            total = 0.0
+            for m in range(d):
+                for n in range(d):
+                    total += x.bent[m, n] * x.pull[m, i] * x.pull[n, j]
+            second[i, j] = second[j, i] = total
+
+
+@inlined
+def _set_reference_hessian(A, d, el, f, e, x):
+    """Set d²v_i/dxi_m dxi_n, (d, d, d) [m/s], constant over the element."""
+    for i in range(d):
+        for m in range(d):
+            for n in range(d):
+                total = 0.0
+                for a in range(A):
+                    total += el.hessian[a, m, n] * f.v[e, a, i]
+                x.hessian_v[i, m, n] = total
+
+
+@inlined
+def _subtract_viscous_force(A, d, el, f, e, q, x):
+    """Subtract div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n] from the residual, [N/m³]."""
+    scale = el.mu * el.n[e, q]
+    if q == 0:
+        _set_reference_hessian(A, d, el, f, e, x)
+    for i in range(d):
+        _set_second_derivatives(A, d, x.hessian_v, x.grad_v, i, el, e, x, x.second)
+        for j in range(d):
+            x.residual[i] -= scale * x.second[j, j]
+            x.residual[j] -= scale * x.second[i, j]
+    if el.graded:
+        for i in range(d):
+            for j in range(d):
+                x.residual[i] -= el.mu * (x.grad_v[i, j] + x.grad_v[j, i]) * el.grad_n[e, q, j]
+
+
+@specialized
+def points_loop(A, d):
+    """Return the loop that writes the state at all points."""
+
+    def loop(el, f, x, grad_v, grad_p, acceleration, c, w, residual):
+        for e in range(len(el.dV)):
+            for q in range(len(el.N)):
+                set_point(A, d, el, f, e, q, x)
+                for i in range(d):
+                    grad_p[e, q, i], acceleration[e, q, i], residual[e, q, i] = x.grad_p[i], x.acceleration[i], x.residual[i]
+                    c[e, q, i], w[e, q, i] = x.c[i], x.w[i]
+                    for j in range(d):
+                        grad_v[e, q, i, j] = x.grad_v[i, j]
+
+    return loop
+
+
+@specialized
+def residual_loop(A, d):
+    """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume balance one after the other."""
+
+    def loop(el, f, x, terms):
+        terms[:] = 0.0
+        for e in range(len(terms)):
+            for q in range(len(el.N)):
+                set_point(A, d, el, f, e, q, x)
+                _add_balances(A, d, el, f, e, q, x, terms)
+                if el.mu != 0.0:
+                    _add_viscous_stress(A, d, el, e, q, x, terms)
+                if el.convection:
+                    _add_stabilization(A, d, el, e, q, x, terms)
+            if el.undrained:
+                _set_mean_gradient(A, d, el, e, x)
+                for q in range(len(el.N)):
+                    _add_undrained(A, d, el, f, e, q, x, terms)
+
+    return loop
+
+
+@inlined
+def _add_balances(A, d, el, f, e, q, x, terms):
+    """Add inertia, pressure, drag and body force, and skeleton, seepage and PSPG."""
+    dV, n, p, div = el.dV[e, q], el.n[e, q], 0.0, 0.0
+    for i in range(d):
+        div += x.grad_v[i, i] if el.free else x.grad_vs[i, i]
+    for a in range(A):
+        p += el.N[q, a] * f.p[e, a]
+    for a in range(A):
+        N, seepage, pspg = el.N[q, a] * dV, 0.0, 0.0
+        for i in range(d):
+            terms[e, a, i] += N * x.acceleration[i]
+            terms[e, a, d + i] += -p * x.g[a, i] * dV if el.free else N * n * x.grad_p[i]
+            if el.drag:
+                terms[e, a, 2 * d + i] += N * el.S[e, q] * x.w[i]
+            terms[e, a, 3 * d + i] -= N * el.rho[e, q] * f.b[e, q, i]
+            seepage -= x.g[a, i] * x.w[i]
+            pspg += x.g[a, i] * x.residual[i]
+        terms[e, a, 6 * d] += N * div
+        if not el.free:
+            terms[e, a, 6 * d + 1] += n * seepage * dV
+        terms[e, a, 6 * d + 2] += el.tau[e, q] * n * pspg * dV
+
+
+@inlined
+def _add_viscous_stress(A, d, el, e, q, x, terms):
+    """Add ∫ ∇w : 2 n μ sym ∇v."""
+    weight = el.n[e, q] * el.mu * el.dV[e, q]
+    for a in range(A):
+        for i in range(d):
+            stress = 0.0
+            for j in range(d):
+                stress += x.g[a, j] * (x.grad_v[i, j] + x.grad_v[j, i])
+            terms[e, a, 4 * d + i] += weight * stress
+
+
+@inlined
+def _add_stabilization(A, d, el, e, q, x, terms):
+    """Add SUPG, ∫ τ ρ (c·∇w)·r, and LSIC, ∫ n ν_L div w (div v_s + n div w_rel)."""
+    n, div, div_s = el.n[e, q], 0.0, 0.0
+    for i in range(d):
+        div += x.grad_v[i, i]
+        if not el.free:
+            div_s += x.grad_vs[i, i]
+    lsic = el.dV[e, q] * n * el.nu_lsic[e, q] * (div_s + n * (div - div_s))
+    supg = el.dV[e, q] * el.tau_supg[e, q] * el.rho[e, q]
+    for a in range(A):
+        streamline = 0.0
+        for j in range(d):
+            streamline += supg * x.c[j] * x.g[a, j]
+        for i in range(d):
+            terms[e, a, 5 * d + i] += streamline * x.residual[i] + lsic * x.g[a, i]
+
+
+@inlined
+def _set_mean_gradient(A, d, el, e, x):
+    """Set the mean over the element of the gradients, which the undrained-limit stabilization leaves out on quadratic elements.
+
+    A linear pressure is untouched by the fluctuation, and the order of convergence stays.
+    """
+    if A == d + 1:
+        return
+    volume = 0.0
+    for q in range(len(el.N)):
+        volume += el.dV[e, q]
+    for a in range(A):
+        for j in range(d):
+            total = 0.0
+            for q in range(len(el.N)):
+                total += el.dV[e, q] * el.G[e, q, a, j]
+            x.mean[a, j] = total / volume
+
+
+@inlined
+def _add_undrained(A, d, el, f, e, q, x, terms):
+    """Add ∫ c_v τ_u ∇q·∇(p - p_n) to the last term of the volume balance: compliance at grid scale times the pressure rate."""
+    for i in range(d):
+        flux = 0.0
+        for a in range(A):
+            for j in range(d):
+                flux += el.tau_u[e, q, i, j] * (el.G[e, q if A > d + 1 else 0, a, j] - x.mean[a, j]) * f.dp[e, a]
+        for a in range(A):
+            terms[e, a, 6 * d + 3] += el.dV[e, q] * (el.G[e, q if A > d + 1 else 0, a, i] - x.mean[a, i]) * flux
+
+
+@specialized
+def tangent_loop(A, d, m):
+    """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of the nodes."""
+
+    def loop(el, f, c_f, x, D, flat, K):
+        K[:] = 0.0
+        for e in range(len(K)):
+            for q in range(len(el.N)):
+                set_point(A, d, el, f, e, q, x)
+                _set_derivatives(A, d, el, e, q, c_f, x, D)
+                _add_contraction(A, d, (d + 1) * A * m, el, e, q, x, flat, K)
+            if el.undrained:
+                _set_mean_gradient(A, d, el, e, x)
+                for q in range(len(el.N)):
+                    _add_undrained_tangent(A, d, m, el, e, q, x, K)
+
+    return loop
+
+
+@inlined
+def _set_derivatives(A, d, el, e, q, c_f, x, D):
+    """Set the derivatives of the densities times dV by v_bk and p_b: D[0] that of A_i, D[1 + j] that of B_ij, rows i <= d.
+
+    dr_i/dv_bk = [(ρ c_f + S) N_b + ρ c·∇N_b - μ (n ΔN_b + ∇n·∇N_b)] δ_ik + ρ N_b ∂_k v_i - μ (n ∂_i∂_k N_b + ∂_i N_b ∂_k n)
+    dr_i/dp_b = n ∂_i N_b;  A_i has no viscous part of r_i and, in a free fluid, no pressure.
+    """
+    dV, n, rho = el.dV[e, q], el.n[e, q], el.rho[e, q]
+    supg, pspg = 0.0, dV * el.tau[e, q] * n
+    lsic, viscous = 0.0, dV * n * el.mu
+    rate = rho * c_f + (el.S[e, q] if el.drag else 0.0)
+    if el.convection:
+        supg, lsic = dV * el.tau_supg[e, q] * rho, dV * n * n * el.nu_lsic[e, q]
+    for b in range(A):
+        N, advected = el.N[q, b], 0.0
+        if el.convection:
+            for j in range(d):
+                advected += rho * x.c[j] * x.g[b, j]
+        isotropic, force = rate * N + advected, 0.0
+        if el.curved:
+            _set_second_derivatives(A, d, el.hessian, x.g, b, el, e, x, x.second)
+            for j in range(d):
+                force += el.mu * n * x.second[j, j]
+                if el.graded:
+                    force += el.mu * x.g[b, j] * el.grad_n[e, q, j]
+        for i in range(d):
+            for k in range(d):
+                A_ik = rho * N * x.grad_v[i, k] if el.convection else 0.0
+                if i == k:
+                    A_ik += isotropic
+                r_ik = A_ik
+                if el.curved:
+                    r_ik -= el.mu * n * x.second[i, k]
+                    if el.graded:
+                        r_ik -= el.mu * x.g[b, i] * el.grad_n[e, q, k]
+                    if i == k:
+                        r_ik -= force
+                D[0, i, b, k] = dV * A_ik
+                D[1 + i, d, b, k] = pspg * r_ik
+                for j in range(d):
+                    B = supg * x.c[j] * r_ik
+                    if i == k:
+                        B += viscous * x.g[b, j]
+                    if j == k:
+                        B += viscous * x.g[b, i] + supg * x.residual[i] * N
+                    if i == j:
+                        B += lsic * x.g[b, k]
+                    D[1 + j, i, b, k] = B
+        for i in range(d):
+            grad = n * x.g[b, i]
+            D[1 + i, d, b, d] = pspg * grad
+            for j in range(d):
+                D[1 + j, i, b, d] = supg * x.c[j] * grad
+            if el.free:
+                D[0, d, b, i] = dV * x.g[b, i]
+                D[1 + i, i, b, d] -= dV * N
+            else:
+                D[0, i, b, d] = dV * grad
+                D[1 + i, d, b, i] -= dV * n * N
+
+
+@inlined
+def _add_contraction(A, d, size, el, e, q, x, D, K):
+    """Add N_a D[0] + ∂_j N_a D[1 + j] to the rows of node a."""
+    for a in range(A):
+        N, g0, g1, g2 = el.N[q, a], x.g[a, 0], x.g[a, 1], x.g[a, d - 1]
+        if d == 2:
+            for z in range(size):
+                K[e, a, z] += N * D[0, z] + g0 * D[1, z] + g1 * D[2, z]
+        else:
+            for z in range(size):
+                K[e, a, z] += N * D[0, z] + g0 * D[1, z] + g1 * D[2, z] + g2 * D[d, z]
+
+
+@inlined
+def _add_undrained_tangent(A, d, m, el, e, q, x, K):
+    """Add ∫ c_v τ_u ∇N_a·∇N_b, of the fluctuating gradients on quadratic elements."""
+    for a in range(A):
+        for i in range(d):
+            flux = 0.0
+            for j in range(d):
+                flux += (el.G[e, q if A > d + 1 else 0, a, j] - x.mean[a, j]) * el.tau_u[e, q, j, i]
+            flux *= el.dV[e, q]
+            for b in range(A):
+                K[e, a, (d * A + b) * m + d] += flux * (el.G[e, q if A > d + 1 else 0, b, i] - x.mean[b, i])
