@@ -4,10 +4,11 @@ from petsc4py import PETSc
 
 
 class PressureConvectionDiffusion:
-    """Precondition the Schur complement of the pressure by S⁻¹ ≈ Q⁻¹ + L⁻¹ T M⁻¹ (derivation: `kernels.pressure`).
+    """Precondition the Schur complement of the pressure by S⁻¹ ≈ (1 + L⁻¹ T) Q⁻¹ (derivation: `kernels.pressure`).
 
-    Every inverse is a KSP of its own with a fixed linear operator, options `<prefix of the block>compliance_` (Q), `laplacian_`
-    (L) and `mass_` (M).  The matrices are those of the caller, given to `replace` before every set-up and not freed here.
+    The inverses are KSPs of their own with a fixed linear operator, a multigrid cycle by default, with the options
+    `<prefix of the block>compliance_` (Q) and `<prefix of the block>laplacian_` (L).  The matrices are the caller's, given to
+    `replace` before every set-up and not freed here.
     A KSP that scales the matrix to a unit diagonal asks for D^½ S⁻¹ D^½, D the diagonal of the pressure's block.
     """
 
@@ -15,10 +16,9 @@ class PressureConvectionDiffusion:
         """Start without operators."""
         self._parts = ()
 
-    def replace(self, compliance, laplacian, transport, mass, diagonal):
-        """Take Q, L, T, M (PETSc.Mat) and the diagonal of the pressure's block of the unscaled matrix, (owned rows,)."""
-        self._compliance, self._laplacian, self._transport, self._mass = compliance, laplacian, transport, mass
-        self._diagonal = diagonal
+    def replace(self, compliance, laplacian, transport, diagonal):
+        """Take Q, L, T (PETSc.Mat) and the diagonal of the pressure's block of the unscaled matrix, (owned rows,)."""
+        self._compliance, self._laplacian, self._transport, self._diagonal = compliance, laplacian, transport, diagonal
 
     def setUp(self, pc):
         """Set up the inner solvers and find the scaling from the diagonal of the block (collective)."""
@@ -26,21 +26,19 @@ class PressureConvectionDiffusion:
         prefix = pc.getOptionsPrefix() or ""
         self._Q = _solver(self._compliance, prefix + "compliance_")
         self._L = _solver(self._laplacian, prefix + "laplacian_")
-        self._M = _solver(self._mass, prefix + "mass_")
         self._scale = pc.getOperators()[1].getDiagonal()
         with self._scale as scale:
             scale[:] = (self._diagonal / scale) ** 0.5
         self._x, self._y, self._z = (self._scale.duplicate() for _ in range(3))
-        self._parts = self._Q, self._L, self._M, self._scale, self._x, self._y, self._z
+        self._parts = self._Q, self._L, self._scale, self._x, self._y, self._z
 
     def apply(self, pc, x, y):
-        """Set y to D^½ (Q⁻¹ + L⁻¹ T M⁻¹) D^½ x."""
+        """Set y to D^½ (1 + L⁻¹ T) Q⁻¹ D^½ x."""
         self._x.pointwiseMult(self._scale, x)
-        self._M.solve(self._x, self._y)
+        self._Q.solve(self._x, self._y)
         self._transport.mult(self._y, self._z)
-        self._L.solve(self._z, self._y)
-        self._Q.solve(self._x, self._z)
-        self._y.axpy(1.0, self._z)
+        self._L.solve(self._z, self._x)
+        self._y.axpy(1.0, self._x)
         y.pointwiseMult(self._scale, self._y)
 
     def destroy(self, pc):

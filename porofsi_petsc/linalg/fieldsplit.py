@@ -11,10 +11,13 @@ C + B A^-1 B^T + B_m: PSPG's tau = ((2 rho/dt)^2 + S^2)^-1/2 is the size of A^-1
 about 2.5 at every wave number, whatever the step, the drag and the order.  Without PSPG the Schur complement is assembled from
 diag(A)^-1 (`selfp`; not from row sums, which vanish at the vertices of quadratic triangles).
 
+In a free fluid (no s, no B_m) tau is the size of A^-1 at the scale of the mesh only, and C far too small for longer waves where
+the Courant number or nu dt/h^2 is large.  There `convection_diffusion_pc` stands for the inverse of the Schur complement.
+
 Scaling: the residual mixes N and m³/s; at dt = 1e-4 s rtol was met with a pressure wrong by 70 %.  The KSP therefore scales the
 matrix symmetrically to a unit diagonal, and `pressure_pc` undoes it for the multigrid, which wants the constants.
 
-Bounds of the iterations by mesh, step and permeability: tests/test_solvers.py.
+Bounds of the iterations by mesh, step and permeability: tests/test_solvers.py, tests/test_solvers_free.py.
 """
 
 import numpy as np
@@ -25,16 +28,6 @@ from .solver import direct_defaults
 
 _PRESSURE = {"pc_type": "python", "pc_python_type": "porofsi_petsc.linalg.pressure_pc.PressureMultigrid"}
 _GAMG = {"pc_type": "gamg", "mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"}
-# D^-1 M, D the diagonal of a mass matrix M, has its eigenvalues between those of an element (Wathen, IMA J. Numer. Anal. 7 (1987)
-# 449): 1/2 and 2 (T3), 0.39 and 2.06 (T6), 1/2 and 5/2 (T4), 1/4 and 4.35 (T10).  Six iterations leave at most 11 % of the error.
-MASS_SPECTRUM = (0.25, 4.4)
-_MASS = {
-    "ksp_type": "chebyshev",
-    "ksp_chebyshev_eigenvalues": "{},{}".format(*MASS_SPECTRUM),
-    "ksp_max_it": 6,
-    "ksp_norm_type": "none",
-    "pc_type": "jacobi",
-}
 _FIELDSPLIT = {
     "ksp_type": "fgmres",
     "ksp_rtol": 1e-5,  # the coupling takes as many sweeps as with a factorization; with 1e-4 some more on 3-D quadratic meshes
@@ -131,7 +124,7 @@ def _multigrid(dim):
 
 def _convection_diffusion(dim):
     cycle = {"ksp_type": "preonly"} | _multigrid(dim)
-    return {"pc_type": "python"} | _prefixed("compliance_", cycle) | _prefixed("laplacian_", cycle) | _prefixed("mass_", _MASS)
+    return {"pc_type": "python"} | _prefixed("compliance_", cycle) | _prefixed("laplacian_", cycle)
 
 
 def _prefixed(prefix, options):

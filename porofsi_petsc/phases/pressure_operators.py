@@ -6,15 +6,16 @@ from ..fem.boundary import facet_masses, open_facets
 from ..kernels import pressure as kernel
 from ..linalg.convection_diffusion_pc import PressureConvectionDiffusion
 
-# γ of the coefficient γ/(w h) of p = 0 on open boundaries; from 1 to 16 the iterations change by 2 at most.
-PENALTY = 4.0
+# γ of the resistance ρ h/γ of an element beside a surface: 16 takes the same iterations, 1 two or three more.
+LAYER = 4.0
 
 
 class PressureOperators:
-    """Q, L, T, M of `kernels.pressure` for a `phases.setup.FluidSetup`, and the preconditioner that uses them.
+    """Q, L, T of `kernels.pressure` for a `phases.setup.FluidSetup`, and the preconditioner that uses them.
 
     L has the conditions of the pressure where the solver knows no velocity: p = 0 weakly on an open boundary, p = α v_n on an
-    interface with a Robin condition; where the velocity is prescribed none (Neumann).
+    interface with a Robin condition (6 iterations; with p = 0 there 8, with none 13 to 18); where the velocity is prescribed
+    there is none (Neumann).
     """
 
     def __init__(self, setup):
@@ -37,26 +38,24 @@ class PressureOperators:
         """
         if self._matrix is None:
             self._matrix = self._setup.new_matrix("pressure_", 1, np.zeros((self.domain.n_local, 1), dtype=bool))
-        values = {name: np.empty(self._matrix.values.shape) for name in ("compliance", "laplacian", "transport", "mass")}
-        weight = np.empty(self.domain.n_cells)
+        values = {name: np.empty(self._matrix.values.shape) for name in ("compliance", "laplacian", "transport")}
+        resistance, rate = np.empty((2, self.domain.n_cells))
         for chunk, elements, fields in chunks:
-            w = kernel.resistance(elements, c_f) + self._outer_resistance(elements, speed)
-            weight[chunk] = w.mean(axis=1)
-            values["compliance"][chunk] = kernel.pressure_compliance(elements, self.domain.h[chunk])
-            values["laplacian"][chunk] = kernel.pressure_laplacian(elements, w)
-            values["transport"][chunk] = kernel.pressure_transport(elements, fields, c_f, w)
-            values["mass"][chunk] = kernel.mass_matrix(elements.N, elements.geometry.dV)
-        self._add_surface(values["laplacian"], weight, alpha)
+            h = self.domain.h[chunk]
+            values["compliance"][chunk] = kernel.pressure_compliance(elements, h)
+            values["laplacian"][chunk] = kernel.pressure_laplacian(elements)
+            values["transport"][chunk] = kernel.pressure_transport(elements, fields, c_f, h)
+            density = elements.rho.mean(axis=1)
+            resistance[chunk] = density * h / LAYER
+            rate[chunk] = c_f + (speed + elements.mu / (density * self._extent)) / self._extent
+        self._add_surface(values["laplacian"], resistance, alpha / rate)
         for name, of_elements in values.items():
             self._matrix.assemble(of_elements)
             self._operators[name] = self._matrix.mat.copy(self._operators.get(name))
         self.preconditioner.replace(**self._operators, diagonal=diagonal)
 
-    def _outer_resistance(self, elements, speed):
-        """Return (ρ C + μ/H)/H, what convection and viscosity oppose to a flow through the domain: w > 0 where r = 0."""
-        return (elements.rho * speed + elements.mu / self._extent) / self._extent
-
-    def _add_surface(self, laplacian, weight, alpha):
-        """Add ∮ q p/(α + w h/γ) to L: α and the resistance of the elements beside it act in series."""
-        resistance = weight[self._rows] * self.domain.h[self._rows] / PENALTY + np.where(self._on_interface, alpha, 0.0)
-        np.add.at(laplacian, self._rows, self._surface / resistance[:, None, None])
+    def _add_surface(self, laplacian, resistance, alpha):
+        """Add ∮ q p/(α + ρ h/γ) to L, both resistances (E,) over the rate of the flow [kg/m²]: they act in series."""
+        rows = self._rows
+        total = resistance[rows] + np.where(self._on_interface, alpha[rows], 0.0)
+        np.add.at(laplacian, rows, self._surface / total[:, None, None])

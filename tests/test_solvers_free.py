@@ -1,0 +1,72 @@
+"""Iterative solvers of free fluids: bounded over mesh, step and Reynolds number, equal to factorizations, on any ranks."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from porofsi_petsc.linalg import options
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+from bench_fluid_solver import Channel, count, solve  # noqa: E402
+
+# Coarse and fine mesh.
+MESHES = {"T3": (8, 24), "T6": (4, 12), "T4": (4, 7), "T10": (2, 3)}
+# Largest number of iterations on either mesh; measured 9, 12, 18, 19 and 29 over all elements (docs/solvers.md).
+FLOWS = {
+    "small step": ({"courant": 0.5, "diffusion": 0.1}, 12),
+    "Courant number 5": ({"courant": 5.0, "diffusion": 1.0}, 16),
+    "large viscous step": ({"courant": 50.0, "diffusion": 100.0}, 24),
+    "steady, Re 1": ({"reynolds": 1.0}, 26),
+    "steady, Re 200": ({"reynolds": 200.0}, 40),
+}
+TWO_WAY = {"scheme": "partitioned", "accelerator": "iqn_ils"}
+
+
+@pytest.fixture(autouse=True)
+def clean_options():
+    yield
+    options.start()
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("element", MESHES)
+def test_iterations_are_bounded_over_mesh_step_and_reynolds_number(element, flow):
+    given, cap = FLOWS[flow]
+    before, after = (count(Channel(element, n, **given))[2] for n in MESHES[element])
+    assert after <= min(cap, 1.5 * before + 3)
+
+
+@pytest.mark.parametrize("interface", ["dirichlet_neumann", "robin_neumann"])
+def test_iterations_are_bounded_on_a_moving_mesh_whatever_the_interface_condition(interface):
+    coupling = tuple((TWO_WAY | {"interface": interface}).items())
+    assert count(Channel("T3", 16, courant=1.0, diffusion=1.0, coupling=coupling, steps=2))[2] <= 14
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("element", ["T6", "T4"])
+def test_solution_is_that_of_a_factorization(element):
+    case = Channel(element, 4, courant=5.0, diffusion=1.0, tolerance=1e-10)
+    if not options.has_package("mumps"):
+        pytest.skip("PETSc without MUMPS")
+    direct, iterative = (solve(case, direct=choice).fluid for choice in (True, False))
+    assert direct.solver.iterations_max == 1 < iterative.solver.iterations_max <= 16
+    for name in ("v", "p"):
+        a, b = getattr(direct, name), getattr(iterative, name)
+        # residuals of 1e-10 of the largest force, times the condition of the problem
+        assert np.abs(a - b).max() < 1e-8 * np.abs(a).max(), name
+
+
+def test_gamg_takes_the_place_of_hypre(monkeypatch):
+    from porofsi_petsc.linalg import fieldsplit
+
+    monkeypatch.setattr(fieldsplit, "has_package", lambda name: False)
+    assert count(Channel("T6", 8, courant=5.0, diffusion=10.0))[2] <= 40
+
+
+def test_pressure_operators_are_made_only_where_the_solver_has_a_place_for_them():
+    lu = "-fluid_ksp_type preonly -fluid_pc_type lu"
+    case = Channel("T3", 4, courant=1.0, diffusion=1.0)
+    assert solve(case).fluid._pressure is not None
+    assert solve(case, petsc=lu).fluid._pressure is None
