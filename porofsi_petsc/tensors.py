@@ -2,32 +2,86 @@
 
 import numpy as np
 
+from .compiled import inlined, plain, specialized
+
+
+@inlined
+def _cofactor(d, F, p, i, j):
+    """Return d det F / d F_ij of tensor p."""
+    if d == 2:
+        return F[p, 1 - i, 1 - j] if i == j else -F[p, 1 - i, 1 - j]
+    k, l, m, n = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3  # noqa: E741
+    return F[p, k, m] * F[p, l, n] - F[p, k, n] * F[p, l, m]
+
+
+@specialized
+def _det_loop(d):
+    def loop(F, determinant):
+        for p in range(len(F)):
+            total = 0.0
+            for j in range(d):
+                total += F[p, 0, j] * _cofactor(d, F, p, 0, j)
+            determinant[p] = total
+
+    return loop
+
+
+@specialized
+def _det_minus_one_loop(d):
+    def loop(H, result):
+        for p in range(len(H)):
+            trace, second, third = 0.0, 0.0, 0.0
+            for i in range(d):
+                trace += H[p, i, i]
+                for j in range(i):
+                    second += H[p, i, i] * H[p, j, j] - H[p, i, j] * H[p, j, i]
+            if d == 3:
+                for j in range(d):
+                    third += H[p, 0, j] * _cofactor(d, H, p, 0, j)
+            result[p] = trace + (second + third)
+
+    return loop
+
+
+@specialized
+def _inverse_loop(d):
+    def loop(F, inverse, determinant):
+        for p in range(len(F)):
+            total = 0.0
+            for j in range(d):
+                total += F[p, 0, j] * _cofactor(d, F, p, 0, j)
+            determinant[p] = total
+            for i in range(d):
+                for j in range(d):
+                    inverse[p, i, j] = _cofactor(d, F, p, j, i) / total
+
+    return loop
+
 
 def det(F):
     """Return det F, (...)."""
-    if F.shape[-1] == 2:
-        return F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]
-    return np.einsum("...i,...i->...", F[..., 0, :], np.cross(F[..., 1, :], F[..., 2, :]))
+    tensors, result = stacked(F), np.empty(F.shape[:-2])
+    _det_loop(F.shape[-1])(tensors, result.reshape(-1))
+    return result
 
 
 def det_minus_one(H):
     """Return det(I + H) - 1 from the invariants of H, without the loss of digits at small H, (...)."""
-    if H.shape[-1] == 2:
-        return trace(H) + det(H)
-    second = (trace(H) ** 2 - np.einsum("...ij,...ji->...", H, H)) / 2
-    return trace(H) + second + det(H)
+    tensors, result = stacked(H), np.empty(H.shape[:-2])
+    _det_minus_one_loop(H.shape[-1])(tensors, result.reshape(-1))
+    return result
 
 
 def inverse(F):
     """Return F^-1 and det F; the caller checks the sign of the determinant."""
-    if F.shape[-1] == 2:
-        J = det(F)
-        adjugate = np.stack([F[..., 1, 1], -F[..., 0, 1], -F[..., 1, 0], F[..., 0, 0]], axis=-1).reshape(F.shape)
-        return adjugate / J[..., None, None], J
-    rows = F[..., 0, :], F[..., 1, :], F[..., 2, :]
-    adjugate = np.stack([np.cross(rows[1], rows[2]), np.cross(rows[2], rows[0]), np.cross(rows[0], rows[1])], axis=-1)
-    J = np.einsum("...i,...i->...", rows[0], adjugate[..., 0])
-    return adjugate / J[..., None, None], J
+    tensors, result, determinant = stacked(F), np.empty(F.shape), np.empty(F.shape[:-2])
+    _inverse_loop(F.shape[-1])(tensors, stacked(result), determinant.reshape(-1))
+    return result, determinant
+
+
+def stacked(F):
+    """Return tensors or anything else of a point, (..., d, d), as (n, d, d) for a compiled loop; a view of a contiguous array."""
+    return plain(F).reshape(-1, *F.shape[-2:])
 
 
 def transpose(F):

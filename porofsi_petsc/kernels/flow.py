@@ -34,9 +34,9 @@ from typing import Any
 
 import numpy as np
 
+from ..compiled import plain
 from . import flow_loops
 from .assemble import laplacian, mass_matrix
-from .compiled import plain
 
 MOMENTUM_TERMS = ("inertia", "pressure", "drag", "body", "viscous", "stabilization")
 VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")

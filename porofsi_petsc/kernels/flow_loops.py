@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import inlined, specialized
+from ..compiled import inlined, specialized
 
 
 class Elements(NamedTuple):

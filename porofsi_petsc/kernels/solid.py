@@ -10,6 +10,7 @@ convergence test and their powers make the energy balance.
 
 import numpy as np
 
+from ..compiled import plain, specialized
 from .assemble import add_isotropic, mass_matrix, test_gradient, test_value
 
 TERMS = ("stress", "inertia", "pressure", "drag", "body")
@@ -21,28 +22,93 @@ def displacement_gradient(G0, u):
     The positions enter as displacements from the reference: y would lose the digits of X/h (measured: 5e-6 of the force in a
     first small step of a 10 m column).
     """
-    return np.swapaxes(u, 1, 2)[:, None] @ G0
+    E, points, A, d = G0.shape
+    H = np.empty((E, points, d, d))
+    _gradient_loop(A, d)(plain(G0), plain(u), H)
+    return H
+
+
+@specialized
+def _gradient_loop(A, d):
+    def loop(G0, u, H):
+        for e in range(len(H)):
+            for q in range(H.shape[1]):
+                for i in range(d):
+                    for J in range(d):
+                        total = 0.0
+                        for a in range(A):
+                            total += u[e, a, i] * G0[e, q, a, J]
+                        H[e, q, i, J] = total
+
+    return loop
 
 
 def stress_residual(G0, dV0, law, u):
     """Return ∫ ∇_X w : P dV0, (E, A, d) [N], for nodal displacements u = y - X, (E, A, d) [m]."""
-    P = law.stress(displacement_gradient(G0, u))
-    return test_gradient(G0, dV0, np.broadcast_to(P, (*dV0.shape, *P.shape[2:])))
+    P, vectors = law.stress(displacement_gradient(G0, u)), np.empty(u.shape)
+    _stress_loop(*u.shape[1:])(plain(G0), _volumes(G0, dV0), plain(P), vectors)
+    return vectors
 
 
-def stress_tangent(G0, dV0, law, u):
-    """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m]."""
-    tangent = law.tangent(displacement_gradient(G0, u))
-    if G0.shape[1] == 1:
-        dV0 = dV0.sum(axis=1, keepdims=True)
-    E, Q, A, d = G0.shape
-    K = np.zeros((E, A, d, A, d))
-    weighted = tangent * dV0[..., None, None, None, None]
-    for i in range(d):
-        for k in range(d):
-            block = G0 @ weighted[:, :, i, :, k, :] @ np.swapaxes(G0, 2, 3)
-            K[:, :, i, :, k] = block.sum(axis=1)
+@specialized
+def _stress_loop(A, d):
+    def loop(G0, dV0, P, vectors):
+        vectors[:] = 0.0
+        for e in range(len(vectors)):
+            for q in range(P.shape[1]):
+                for a in range(A):
+                    for i in range(d):
+                        total = 0.0
+                        for J in range(d):
+                            total += G0[e, q, a, J] * P[e, q, i, J]
+                        vectors[e, a, i] += dV0[e, q] * total
+
+    return loop
+
+
+def stress_tangent(G0, dV0, law, u, K=None):
+    """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m].
+
+    K : contiguous, where it is written
+    """
+    E, A, d = u.shape
+    if K is None:
+        K = np.empty((E, A, d, A, d))
+    D, tangent = np.empty((d, d * A * d)), plain(law.tangent(displacement_gradient(G0, u)))
+    _tangent_loop(A, d)(plain(G0), _volumes(G0, dV0), tangent, D, K.reshape(E, A, -1))
     return K
+
+
+@specialized
+def _tangent_loop(A, d):
+    def loop(G0, dV0, tangent, D, K):
+        """D[J, (i, b, k)] = dP_iJ/dF_kL dN_b/dX_L dV0, which the test functions of node a contract with dN_a/dX_J."""
+        K[:] = 0.0
+        for e in range(len(K)):
+            for q in range(tangent.shape[1]):
+                for J in range(d):
+                    for i in range(d):
+                        for b in range(A):
+                            for k in range(d):
+                                total = 0.0
+                                for L in range(d):
+                                    total += tangent[e, q, i, J, k, L] * G0[e, q, b, L]
+                                D[J, (i * A + b) * d + k] = dV0[e, q] * total
+                for a in range(A):
+                    g0, g1, g2 = G0[e, q, a, 0], G0[e, q, a, 1], G0[e, q, a, d - 1]
+                    if d == 2:
+                        for z in range(d * A * d):
+                            K[e, a, z] += g0 * D[0, z] + g1 * D[1, z]
+                    else:
+                        for z in range(d * A * d):
+                            K[e, a, z] += g0 * D[0, z] + g1 * D[1, z] + g2 * D[d - 1, z]
+
+    return loop
+
+
+def _volumes(G0, dV0):
+    """Return dV0 at the points of the gradients, (E, Q'): that of all points where they are constant."""
+    return plain(dV0.sum(axis=1, keepdims=True) if G0.shape[1] == 1 else dV0)
 
 
 def longitudinal_modulus(law, H):

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..tensors import det_minus_one, inverse, scaled_identity, trace, transpose
+from ..compiled import plain, specialized
+from ..tensors import det_minus_one, inverse, scaled_identity, stacked, trace, transpose
 
 
 @dataclass(frozen=True)
@@ -76,17 +77,57 @@ class SaintVenantKirchhoff(ElasticLaw):
 
     def stress(self, H):
         """Return P = F S, S = lambda tr(E) I + 2 mu E, (..., d, d)."""
-        return deformation(H) @ self._second_piola(H)
+        P = np.empty(H.shape)
+        _kirchhoff_stress_loop(H.shape[-1])(stacked(H), stacked(self._second_piola(H)), stacked(P))
+        return P
 
     def tangent(self, H):
-        """Return dP_iJ/dF_kL = delta_ik S_JL + F_iM C_MJNL F_kN, (..., d, d, d, d)."""
-        F, identity = deformation(H), np.eye(H.shape[-1])
-        material = np.einsum("...iM,MJNL,...kN->...iJkL", F, _isotropic(self.lam, self.mu, F.shape[-1]), F, optimize=True)
-        return material + np.einsum("ik,...JL->...iJkL", identity, self._second_piola(H))
+        """Return dP_iJ/dF_kL = delta_ik S_JL + F_iM C_MJNL F_kN, (..., d, d, d, d), C that of linear elasticity."""
+        A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
+        lam, mu = float(self.lam), float(self.mu)
+        _kirchhoff_tangent_loop(d)(stacked(H), stacked(self._second_piola(H)), lam, mu, A.reshape(-1, d, d, d, d))
+        return A
 
     def _second_piola(self, H):
         E = green_strain(H)
         return scaled_identity(self.lam * trace(E), H.shape[-1]) + 2 * self.mu * E
+
+
+@specialized
+def _kirchhoff_stress_loop(d):
+    def loop(H, S, P):
+        for p in range(len(H)):
+            for i in range(d):
+                for J in range(d):
+                    total = S[p, i, J]
+                    for M in range(d):
+                        total += H[p, i, M] * S[p, M, J]
+                    P[p, i, J] = total
+
+    return loop
+
+
+@specialized
+def _kirchhoff_tangent_loop(d):
+    def loop(H, S, lam, mu, A):
+        for p in range(len(H)):
+            for i in range(d):
+                for k in range(d):
+                    left = 0.0  # (F F^T)_ik
+                    for M in range(d):
+                        left += (H[p, i, M] + (i == M)) * (H[p, k, M] + (k == M))
+                    for J in range(d):
+                        for L in range(d):
+                            F_iJ, F_kL = H[p, i, J] + (i == J), H[p, k, L] + (k == L)
+                            F_iL, F_kJ = H[p, i, L] + (i == L), H[p, k, J] + (k == J)
+                            value = lam * F_iJ * F_kL + mu * F_iL * F_kJ
+                            if i == k:
+                                value += S[p, J, L]
+                            if J == L:
+                                value += mu * left
+                            A[p, i, J, k, L] = value
+
+    return loop
 
 
 @dataclass(frozen=True)
@@ -101,17 +142,48 @@ class _CompressibleNeoHookean(ElasticLaw):
     def stress(self, H):
         """Return P = mu (F - F^-T) + J U' F^-T = F^-T (2 mu E + J U' I), (..., d, d)."""
         Finv, _ = inverse(deformation(H))
-        pull = self._volumetric(det_minus_one(H))[1]
-        return transpose(Finv) @ (2 * self.mu * green_strain(H) + scaled_identity(pull, H.shape[-1]))
+        pull, P = plain(self._volumetric(det_minus_one(H))[1]), np.empty(H.shape)
+        loop = _compressible_stress_loop(H.shape[-1])
+        loop(stacked(Finv), stacked(green_strain(H)), pull.reshape(-1), float(self.mu), stacked(P))
+        return P
 
     def tangent(self, H):
         """Return dP_iJ/dF_kL = mu d_ik d_JL + J (J U')' Finv_Ji Finv_Lk + (mu - J U') Finv_Jk Finv_Li, (..., d, d, d, d)."""
-        identity = np.eye(H.shape[-1])
+        A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
         Finv, _ = inverse(deformation(H))
-        _, first, second = self._volumetric(det_minus_one(H))
-        A = np.einsum("...,...Ji,...Lk->...iJkL", second, Finv, Finv)
-        A += np.einsum("...,...Jk,...Li->...iJkL", self.mu - first, Finv, Finv)
-        return A + self.mu * np.einsum("ik,JL->iJkL", identity, identity)
+        _, first, second = (plain(x).reshape(-1) for x in self._volumetric(det_minus_one(H)))
+        _compressible_tangent_loop(d)(stacked(Finv), first, second, float(self.mu), A.reshape(-1, d, d, d, d))
+        return A
+
+
+@specialized
+def _compressible_stress_loop(d):
+    def loop(Finv, E, pull, mu, P):
+        for p in range(len(P)):
+            for i in range(d):
+                for J in range(d):
+                    total = Finv[p, J, i] * pull[p]
+                    for K in range(d):
+                        total += 2 * mu * Finv[p, K, i] * E[p, K, J]
+                    P[p, i, J] = total
+
+    return loop
+
+
+@specialized
+def _compressible_tangent_loop(d):
+    def loop(Finv, first, second, mu, A):
+        for p in range(len(A)):
+            for i in range(d):
+                for J in range(d):
+                    for k in range(d):
+                        for L in range(d):
+                            value = second[p] * Finv[p, J, i] * Finv[p, L, k] + (mu - first[p]) * Finv[p, J, k] * Finv[p, L, i]
+                            if i == k and J == L:
+                                value += mu
+                            A[p, i, J, k, L] = value
+
+    return loop
 
 
 class NeoHookean(_CompressibleNeoHookean):
@@ -166,8 +238,24 @@ def _small_strain(H):
 
 
 def green_strain(H):
-    """Return E = (F^T F - I)/2."""
-    return (H + transpose(H) + transpose(H) @ H) / 2
+    """Return E = (F^T F - I)/2 = (H + H^T + H^T H)/2."""
+    E = np.empty(H.shape)
+    _green_strain_loop(H.shape[-1])(stacked(H), stacked(E))
+    return E
+
+
+@specialized
+def _green_strain_loop(d):
+    def loop(H, E):
+        for p in range(len(H)):
+            for K in range(d):
+                for J in range(d):
+                    total = H[p, K, J] + H[p, J, K]
+                    for i in range(d):
+                        total += H[p, i, K] * H[p, i, J]
+                    E[p, K, J] = 0.5 * total
+
+    return loop
 
 
 def _isotropic(lam, mu, dim):

@@ -158,10 +158,7 @@ class MeshMotion:
 
     def tangents(self):
         """Yield (chunk, tangent (E, A, d, A, d)) of the law in the trial state."""
-        return self._element_tangents(self._u1)
-
-    def _element_tangents(self, u):
-        nodal = self.domain.gather(u)
+        nodal = self.domain.gather(self._u1)
         for chunk, G, dV in self._stiffened():
             yield chunk, kernel.stress_tangent(G, dV, self._setup.law, nodal[chunk])
 
@@ -170,8 +167,9 @@ class MeshMotion:
         if self._matrix is None:
             self._matrix = setup.new_matrix(self.prefix, self.mesh.dim, setup.mask)
         values = setup.element_view(self._matrix, self.mesh.dim)
-        for chunk, K in self._element_tangents(u):
-            values[chunk] = K
+        nodal = self.domain.gather(u)
+        for chunk, G, dV in self._stiffened():
+            kernel.stress_tangent(G, dV, setup.law, nodal[chunk], values[chunk])
         self._matrix.assemble()
         self.assemblies, self._stale = self.assemblies + 1, False
         if self.solver is None:

@@ -17,9 +17,9 @@ OPTIONS = {"fastmath": {"contract", "reassoc", "arcp", "nsz"}, "error_model": "n
 
 def _source_hash():
     """Return a hash of every file that holds compiled routines: Numba itself looks at the file of the outermost one only."""
-    folder = Path(__file__).resolve().parent
-    files = sorted([*folder.glob("*.py"), *(folder.parent / "materials").glob("*.py")])
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+    package = Path(__file__).resolve().parent
+    files = [package / "compiled.py", package / "tensors.py", *package.glob("kernels/*.py"), *package.glob("materials/*.py")]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()[:16]
 
 
 def _cache_folder():
