@@ -20,6 +20,7 @@ from porofsi_petsc import load_scene, run
 from porofsi_petsc.errors import ExpectationError, PorofsiError
 from porofsi_petsc.output.figures import save_figure
 from porofsi_petsc.output.files import write_text
+from porofsi_petsc.output.history import read_history
 from porofsi_petsc.studies.table import Table, markdown, sweep
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,6 +30,7 @@ DIRECT = "-{0}_ksp_type preonly -{0}_pc_type lu -{0}_pc_factor_mat_solver_type m
 PART = {"cfd": "fluid", "csm": "solid", "fsi": "both"}
 KEYS, COSTS = ("order", "level"), ("unknowns", "steps", "sweeps", "seconds")
 NAMES = {"body.f_x": "drag [N/m]", "body.f_y": "lift [N/m]", "A.u_x": "u_x(A) [m]", "A.u_y": "u_y(A) [m]"}
+SHOWN = 3.0  # of a periodic run in its figure [s]
 STATISTICS = {"final": "", "period_mean": "mean of ", "period_amplitude": "amplitude of ", "frequency": "frequency of "}
 
 
@@ -186,6 +188,36 @@ def published_table(case, expectations):
     return markdown(header, body) if body else "none"
 
 
+def history_path(case, row):
+    """Return where the history of a periodic run is kept."""
+    return STUDIES / f"hron_turek_{case}_{row['level']}_p{row['order']}_history.csv"
+
+
+def keep_history(case, row, names):
+    """Keep time, the columns of the expectations and the sweeps of a run in six digits, once."""
+    source, target = SCRATCH / f"{case}_{row['level']}_p{row['order']}" / "history.csv", history_path(case, row)
+    if source.is_file() and not target.is_file():
+        history = read_history(source)
+        columns = [name for name in ("t", *names, "coupling_iterations") if name in history]
+        lines = zip(*(history[name] for name in columns), strict=True)
+        rows = ([f"{value:.6g}" for value in line] for line in lines)
+        write_text(target, "\n".join(",".join(row) for row in ([columns, *rows])) + "\n")
+
+
+def draw_histories(figure, rows, case, names):
+    """Draw every column over the last three seconds, one line for each run."""
+    figure.set_size_inches(9.0, 1.8 * len(names))
+    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    for row in rows:
+        history = read_history(history_path(case, row))
+        shown = history["t"] >= history["t"][-1] - SHOWN
+        for ax, name in zip(axes, names, strict=True):
+            ax.plot(history["t"][shown], history[name][shown], linewidth=0.8, label=f"P{row['order']}, level {row['level']}")
+            ax.set_ylabel(NAMES[name])
+    axes[-1].set_xlabel("t [s]")
+    axes[0].legend(loc="upper left", ncols=2)
+
+
 def draw(figure, rows, case, expectations):
     """Draw the error of every quantity over the unknowns, computed by order and published."""
     figure.set_size_inches(3.4 * len(expectations), 3.0)
@@ -221,8 +253,14 @@ def study(case, options):
     cases = [Case(case, order, level, tuple(options.set)) for order in orders for level in levels]
     rows = sweep(table, cases, Case.run)
     steady = all(e.statistic == "final" for e in scene.expect)
+    signals = list(dict.fromkeys(e.quantity for e in scene.expect))
     if steady:
         save_figure(table.path.with_suffix(".png"), draw, rows, case, scene.expect)
+    else:
+        for row in rows:
+            keep_history(case, row, signals)
+        kept = [row for row in rows if history_path(case, row).is_file()]
+        save_figure(table.path.with_suffix(".png"), draw_histories, kept, case, signals)
     text = TEXT.format(
         title=scene.title,
         command=command(case, options),
@@ -230,7 +268,7 @@ def study(case, options):
         limits=limits_table(rows, scene.expect),
         published=published_table(case, scene.expect),
         failed="\n".join(f"- P{row['order']} level {row['level']}: {row['failure']}" for row in rows if row["failure"]) or "none",
-        figure=f"\n![Errors](hron_turek_{case}.png)\n" if steady else "",
+        figure=f"\n![{'Errors' if steady else 'Histories'}](hron_turek_{case}.png)\n",
         source=scene.expect[0].source,
     )
     write_text(table.path.with_suffix(".md"), text)
