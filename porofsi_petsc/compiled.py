@@ -7,11 +7,15 @@ from pathlib import Path
 
 import numba
 import numpy as np
-from numba.core import config
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils, config
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
 
 # LLVM may do to floating point what keeps the meaning of NaN and infinity, by which inadmissible states are found.  A division by
-# zero gives infinity.  Arrays are not counted references: the counters cost up to seven times the arithmetic (measured), and a
-# loop allocates nothing, it works in memory that it is given.
+# zero gives infinity.  References to arrays are not counted: the counters cost up to seven times the arithmetic (measured), and a
+# loop allocates nothing but `stack`.
 OPTIONS = {"fastmath": {"contract", "reassoc", "arcp", "nsz"}, "error_model": "numpy", "_nrt": False}
 
 
@@ -34,6 +38,37 @@ CACHE_FOLDER = _cache_folder()
 def inlined(function):
     """Compile a routine of a point or an element that becomes a part of every `specialized` one that calls it."""
     return numba.njit(function, **OPTIONS, forceinline=True)
+
+
+def expanded(function):
+    """Compile a routine that is written out where it is called; unlike an `inlined` one it may return memory of `stack`."""
+    return numba.njit(function, **OPTIONS, inline="always")
+
+
+@intrinsic(prefer_literal=True)
+def stack(typing, shape):
+    """Return an array of a shape that the compiler knows, on the stack of the loop that calls it: it overlaps with no other one.
+
+    The compiler may therefore keep its entries in registers.  They are not set.
+    """
+    sizes = [size.literal_value for size in shape]
+    array_type = types.Array(types.float64, len(sizes), "C")
+
+    def generate(context, builder, signature, arguments):
+        array = make_array(array_type)(context, builder)
+        memory = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), int(np.prod(sizes))))
+        strides = [8 * int(np.prod(sizes[k + 1 :])) for k in range(len(sizes))]
+        populate_array(
+            array,
+            data=builder.bitcast(memory, ir.DoubleType().as_pointer()),
+            shape=[context.get_constant(types.intp, size) for size in sizes],
+            strides=[context.get_constant(types.intp, stride) for stride in strides],
+            itemsize=context.get_constant(types.intp, 8),
+            meminfo=None,
+        )
+        return array._getvalue()
+
+    return array_type(shape), generate
 
 
 def specialized(make):

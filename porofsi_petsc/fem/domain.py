@@ -69,7 +69,7 @@ class Domain:
 
     def gather(self, field):
         """Return the nodal values of every element, (E, A, ...), of a field (n_local, ...)."""
-        return field[self.cells]
+        return np.take(field, self.cells, axis=0)
 
     def scatter_add(self, element_vectors):
         """Return the sum of element vectors (E, A, k) or (E, A) over the owned nodes, (n_owned, k)."""

@@ -104,7 +104,7 @@ def flow_points(el, f):
     E, Q, d = f.b.shape
     grad_v = np.empty((E, Q, d, d))
     grad_p, acceleration, c, w, residual = (np.empty((E, Q, d)) for _ in range(5))
-    flow_loops.points_loop(*sizes)(elements, fields, flow_loops.new_point(*sizes), grad_v, grad_p, acceleration, c, w, residual)
+    flow_loops.points_loop(*sizes)(elements, fields, grad_v, grad_p, acceleration, c, w, residual)
     return FlowPoints(c if el.convection else None, grad_v, acceleration, grad_p, None if el.S is None else w, residual)
 
 
@@ -118,7 +118,7 @@ def flow_residual(el, f, terms=None):
     E, A, d = fields.v.shape
     if terms is None:
         terms = np.empty((E, A, term_columns(d)))
-    flow_loops.residual_loop(*sizes)(elements, fields, flow_loops.new_point(*sizes), terms)
+    flow_loops.residual_loop(*sizes)(elements, fields, terms)
     return split_terms(terms, d)
 
 
@@ -144,9 +144,7 @@ def flow_tangent(el, f, c_f, K=None):
     E, A, d = fields.v.shape
     if K is None:
         K = np.empty((E, A, d + 1, A, d + 1))
-    D = np.zeros((1 + d, d + 1, A, K.shape[2]))
-    point, flat = flow_loops.new_point(*sizes), D.reshape(1 + d, -1)
-    flow_loops.tangent_loop(*sizes, K.shape[2])(elements, fields, float(c_f), point, D, flat, K.reshape(E, A, -1))
+    flow_loops.tangent_loop(*sizes, K.shape[2])(elements, fields, float(c_f), K.reshape(E, A, -1))
     return K
 
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import inlined, specialized
+from ..compiled import expanded, inlined, specialized, stack
+from .contraction import add_point
 
 
 class Elements(NamedTuple):
@@ -55,7 +56,7 @@ class Fields(NamedTuple):
 
 
 class Point(NamedTuple):
-    """State at a point: shape gradients g (A, d), ∇v and ∇v_s (d, d), ∇p, c, w, forces (d,); d xi/dx and ∇∇U; mean of g."""
+    """State at a point: shape gradients g (A, d), ∇v, ∇v_s (d, d), ∇p, c, w, forces (d,); d xi/dx, ∇∇U, mean of g, dr/dv_b."""
 
     g: np.ndarray
     grad_v: np.ndarray
@@ -70,13 +71,15 @@ class Point(NamedTuple):
     second: np.ndarray
     hessian_v: np.ndarray
     mean: np.ndarray
+    strong: np.ndarray
 
 
+@expanded
 def new_point(A, d):
     """Return the memory of a point."""
     return Point(
-        np.empty((A, d)), np.empty((d, d)), np.empty((d, d)), np.zeros(d), np.zeros(d), np.zeros(d), np.zeros(d), np.zeros(d),
-        np.empty((d, d)), np.empty((d, d)), np.empty((d, d)), np.empty((d, d, d)), np.zeros((A, d)),
+        stack((A, d)), stack((d, d)), stack((d, d)), stack((d,)), stack((d,)), stack((d,)), stack((d,)), stack((d,)),
+        stack((d, d)), stack((d, d)), stack((d, d)), stack((d, d, d)), stack((A, d)), stack((d, d)),
     )  # fmt: skip
 
 
@@ -156,8 +159,8 @@ def _set_pull(A, d, el, x):
 
 
 @inlined
-def _set_second_derivatives(A, d, U, gradient, k, el, e, x, second):
-    """Set d²U/dx_i dx_j = (d²U/dxi_m dxi_n - dU/dx_k d²x_k/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j, (d, d), of U (d, d) and (d,)."""
+def _set_second_derivatives(d, U, gradient, k, el, e, x):
+    """Set d²U_k/dx_i dx_j = (d²U_k/dxi_m dxi_n - ∂_r U_k d²x_r/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j, (d, d), of all U (K, d, d)."""
     for m in range(d):
         for n in range(d):
             bent = U[k, m, n]
@@ -170,7 +173,7 @@ def _set_second_derivatives(A, d, U, gradient, k, el, e, x, second):
             for m in range(d):
                 for n in range(d):
                     total += x.bent[m, n] * x.pull[m, i] * x.pull[n, j]
-            second[i, j] = second[j, i] = total
+            x.second[i, j] = x.second[j, i] = total
 
 
 @inlined
@@ -192,7 +195,7 @@ def _subtract_viscous_force(A, d, el, f, e, q, x):
     if q == 0:
         _set_reference_hessian(A, d, el, f, e, x)
     for i in range(d):
-        _set_second_derivatives(A, d, x.hessian_v, x.grad_v, i, el, e, x, x.second)
+        _set_second_derivatives(d, x.hessian_v, x.grad_v, i, el, e, x)
         for j in range(d):
             x.residual[i] -= scale * x.second[j, j]
             x.residual[j] -= scale * x.second[i, j]
@@ -206,7 +209,8 @@ def _subtract_viscous_force(A, d, el, f, e, q, x):
 def points_loop(A, d):
     """Return the loop that writes the state at all points."""
 
-    def loop(el, f, x, grad_v, grad_p, acceleration, c, w, residual):
+    def loop(el, f, grad_v, grad_p, acceleration, c, w, residual):
+        x = new_point(A, d)
         for e in range(len(el.dV)):
             for q in range(len(el.N)):
                 set_point(A, d, el, f, e, q, x)
@@ -223,16 +227,21 @@ def points_loop(A, d):
 def residual_loop(A, d):
     """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume balance one after the other."""
 
-    def loop(el, f, x, terms):
+    rows, columns = 1 + d, 6 * d + 4
+
+    def loop(el, f, terms):
+        x, D = new_point(A, d), stack((rows, columns))
+        D[:] = 0.0
         terms[:] = 0.0
         for e in range(len(terms)):
             for q in range(len(el.N)):
                 set_point(A, d, el, f, e, q, x)
-                _add_balances(A, d, el, f, e, q, x, terms)
+                _set_balances(A, d, el, f, e, q, x, D)
                 if el.mu != 0.0:
-                    _add_viscous_stress(A, d, el, e, q, x, terms)
+                    _set_viscous_stress(d, el, e, q, x, D)
                 if el.convection:
-                    _add_stabilization(A, d, el, e, q, x, terms)
+                    _set_stabilization(d, el, e, q, x, D)
+                add_point(A, d, columns, el.N, q, x.g, D, e, terms)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
                 for q in range(len(el.N)):
@@ -242,44 +251,38 @@ def residual_loop(A, d):
 
 
 @inlined
-def _add_balances(A, d, el, f, e, q, x, terms):
-    """Add inertia, pressure, drag and body force, and skeleton, seepage and PSPG."""
+def _set_balances(A, d, el, f, e, q, x, D):
+    """Set inertia, pressure, drag and body force, and skeleton, seepage and PSPG."""
     dV, n, p, div = el.dV[e, q], el.n[e, q], 0.0, 0.0
-    for i in range(d):
-        div += x.grad_v[i, i] if el.free else x.grad_vs[i, i]
     for a in range(A):
         p += el.N[q, a] * f.p[e, a]
-    for a in range(A):
-        N, seepage, pspg = el.N[q, a] * dV, 0.0, 0.0
-        for i in range(d):
-            terms[e, a, i] += N * x.acceleration[i]
-            terms[e, a, d + i] += -p * x.g[a, i] * dV if el.free else N * n * x.grad_p[i]
-            if el.drag:
-                terms[e, a, 2 * d + i] += N * el.S[e, q] * x.w[i]
-            terms[e, a, 3 * d + i] -= N * el.rho[e, q] * f.b[e, q, i]
-            seepage -= x.g[a, i] * x.w[i]
-            pspg += x.g[a, i] * x.residual[i]
-        terms[e, a, 6 * d] += N * div
-        if not el.free:
-            terms[e, a, 6 * d + 1] += n * seepage * dV
-        terms[e, a, 6 * d + 2] += el.tau[e, q] * n * pspg * dV
+    for i in range(d):
+        div += x.grad_v[i, i] if el.free else x.grad_vs[i, i]
+        D[0, i] = dV * x.acceleration[i]
+        if el.free:
+            D[1 + i, d + i] = -dV * p
+        else:
+            D[0, d + i] = dV * n * x.grad_p[i]
+            D[1 + i, 6 * d + 1] = -dV * n * x.w[i]
+        if el.drag:
+            D[0, 2 * d + i] = dV * el.S[e, q] * x.w[i]
+        D[0, 3 * d + i] = -dV * el.rho[e, q] * f.b[e, q, i]
+        D[1 + i, 6 * d + 2] = dV * el.tau[e, q] * n * x.residual[i]
+    D[0, 6 * d] = dV * div
 
 
 @inlined
-def _add_viscous_stress(A, d, el, e, q, x, terms):
-    """Add ∫ ∇w : 2 n μ sym ∇v."""
+def _set_viscous_stress(d, el, e, q, x, D):
+    """Set the stress 2 n μ sym ∇v."""
     weight = el.n[e, q] * el.mu * el.dV[e, q]
-    for a in range(A):
-        for i in range(d):
-            stress = 0.0
-            for j in range(d):
-                stress += x.g[a, j] * (x.grad_v[i, j] + x.grad_v[j, i])
-            terms[e, a, 4 * d + i] += weight * stress
+    for i in range(d):
+        for j in range(d):
+            D[1 + j, 4 * d + i] = weight * (x.grad_v[i, j] + x.grad_v[j, i])
 
 
 @inlined
-def _add_stabilization(A, d, el, e, q, x, terms):
-    """Add SUPG, ∫ τ ρ (c·∇w)·r, and LSIC, ∫ n ν_L div w (div v_s + n div w_rel)."""
+def _set_stabilization(d, el, e, q, x, D):
+    """Set SUPG, τ ρ r_i c_j, and LSIC, n ν_L (div v_s + n div w_rel) δ_ij."""
     n, div, div_s = el.n[e, q], 0.0, 0.0
     for i in range(d):
         div += x.grad_v[i, i]
@@ -287,12 +290,10 @@ def _add_stabilization(A, d, el, e, q, x, terms):
             div_s += x.grad_vs[i, i]
     lsic = el.dV[e, q] * n * el.nu_lsic[e, q] * (div_s + n * (div - div_s))
     supg = el.dV[e, q] * el.tau_supg[e, q] * el.rho[e, q]
-    for a in range(A):
-        streamline = 0.0
+    for i in range(d):
         for j in range(d):
-            streamline += supg * x.c[j] * x.g[a, j]
-        for i in range(d):
-            terms[e, a, 5 * d + i] += streamline * x.residual[i] + lsic * x.g[a, i]
+            D[1 + j, 5 * d + i] = supg * x.residual[i] * x.c[j]
+        D[1 + i, 5 * d + i] += lsic
 
 
 @inlined
@@ -330,13 +331,18 @@ def _add_undrained(A, d, el, f, e, q, x, terms):
 def tangent_loop(A, d, m):
     """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of the nodes."""
 
-    def loop(el, f, c_f, x, D, flat, K):
+    rows, columns = 1 + d, (1 + d) * A * m
+
+    def loop(el, f, c_f, K):
+        x, D = new_point(A, d), stack((rows, rows, A, m))
+        flat = D.reshape(rows, columns)
+        D[:] = 0.0
         K[:] = 0.0
         for e in range(len(K)):
             for q in range(len(el.N)):
                 set_point(A, d, el, f, e, q, x)
                 _set_derivatives(A, d, el, e, q, c_f, x, D)
-                _add_contraction(A, d, (d + 1) * A * m, el, e, q, x, flat, K)
+                add_point(A, d, columns, el.N, q, x.g, flat, e, K)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
                 for q in range(len(el.N)):
@@ -352,52 +358,31 @@ def _set_derivatives(A, d, el, e, q, c_f, x, D):
     dr_i/dv_bk = [(ρ c_f + S) N_b + ρ c·∇N_b - μ (n ΔN_b + ∇n·∇N_b)] δ_ik + ρ N_b ∂_k v_i - μ (n ∂_i∂_k N_b + ∂_i N_b ∂_k n)
     dr_i/dp_b = n ∂_i N_b;  A_i has no viscous part of r_i and, in a free fluid, no pressure.
     """
-    dV, n, rho = el.dV[e, q], el.n[e, q], el.rho[e, q]
-    supg, pspg = 0.0, dV * el.tau[e, q] * n
-    lsic, viscous = 0.0, dV * n * el.mu
-    rate = rho * c_f + (el.S[e, q] if el.drag else 0.0)
+    dV, n = el.dV[e, q], el.n[e, q]
+    supg, lsic, viscous, pspg = 0.0, 0.0, dV * n * el.mu, dV * el.tau[e, q] * n
     if el.convection:
-        supg, lsic = dV * el.tau_supg[e, q] * rho, dV * n * n * el.nu_lsic[e, q]
+        supg, lsic = dV * el.tau_supg[e, q] * el.rho[e, q], dV * n * n * el.nu_lsic[e, q]
     for b in range(A):
-        N, advected = el.N[q, b], 0.0
-        if el.convection:
-            for j in range(d):
-                advected += rho * x.c[j] * x.g[b, j]
-        isotropic, force = rate * N + advected, 0.0
-        if el.curved:
-            _set_second_derivatives(A, d, el.hessian, x.g, b, el, e, x, x.second)
-            for j in range(d):
-                force += el.mu * n * x.second[j, j]
-                if el.graded:
-                    force += el.mu * x.g[b, j] * el.grad_n[e, q, j]
+        N = el.N[q, b]
+        _set_strong(d, el, e, q, b, c_f, x)
         for i in range(d):
             for k in range(d):
-                A_ik = rho * N * x.grad_v[i, k] if el.convection else 0.0
-                if i == k:
-                    A_ik += isotropic
-                r_ik = A_ik
-                if el.curved:
-                    r_ik -= el.mu * n * x.second[i, k]
-                    if el.graded:
-                        r_ik -= el.mu * x.g[b, i] * el.grad_n[e, q, k]
-                    if i == k:
-                        r_ik -= force
-                D[0, i, b, k] = dV * A_ik
-                D[1 + i, d, b, k] = pspg * r_ik
-                for j in range(d):
-                    B = supg * x.c[j] * r_ik
-                    if i == k:
-                        B += viscous * x.g[b, j]
-                    if j == k:
-                        B += viscous * x.g[b, i] + supg * x.residual[i] * N
-                    if i == j:
-                        B += lsic * x.g[b, k]
-                    D[1 + j, i, b, k] = B
+                D[0, i, b, k] = dV * x.strong[i, k]
+        if el.curved:
+            _subtract_viscous_tangent(d, el, e, q, b, x)
         for i in range(d):
             grad = n * x.g[b, i]
-            D[1 + i, d, b, d] = pspg * grad
             for j in range(d):
-                D[1 + j, i, b, d] = supg * x.c[j] * grad
+                carried = supg * x.c[j]
+                for k in range(d):
+                    D[1 + j, i, b, k] = carried * x.strong[i, k]
+                D[1 + j, i, b, d] = carried * grad
+            for j in range(d):
+                D[1 + j, i, b, i] += viscous * x.g[b, j]
+                D[1 + j, i, b, j] += viscous * x.g[b, i] + supg * x.residual[i] * N
+                D[1 + i, i, b, j] += lsic * x.g[b, j]
+                D[1 + i, d, b, j] = pspg * x.strong[i, j]
+            D[1 + i, d, b, d] = pspg * grad
             if el.free:
                 D[0, d, b, i] = dV * x.g[b, i]
                 D[1 + i, i, b, d] -= dV * N
@@ -407,16 +392,34 @@ def _set_derivatives(A, d, el, e, q, c_f, x, D):
 
 
 @inlined
-def _add_contraction(A, d, size, el, e, q, x, D, K):
-    """Add N_a D[0] + ∂_j N_a D[1 + j] to the rows of node a."""
-    for a in range(A):
-        N, g0, g1, g2 = el.N[q, a], x.g[a, 0], x.g[a, 1], x.g[a, d - 1]
-        if d == 2:
-            for z in range(size):
-                K[e, a, z] += N * D[0, z] + g0 * D[1, z] + g1 * D[2, z]
-        else:
-            for z in range(size):
-                K[e, a, z] += N * D[0, z] + g0 * D[1, z] + g1 * D[2, z] + g2 * D[d, z]
+def _set_strong(d, el, e, q, b, c_f, x):
+    """Set dr_i/dv_bk without viscosity."""
+    N, rho = el.N[q, b], el.rho[e, q]
+    isotropic = rho * c_f * N
+    if el.drag:
+        isotropic += el.S[e, q] * N
+    for i in range(d):
+        for k in range(d):
+            x.strong[i, k] = rho * N * x.grad_v[i, k] if el.convection else 0.0
+    if el.convection:
+        for j in range(d):
+            isotropic += rho * x.c[j] * x.g[b, j]
+    for i in range(d):
+        x.strong[i, i] += isotropic
+
+
+@inlined
+def _subtract_viscous_tangent(d, el, e, q, b, x):
+    """Subtract the derivative of div(2 n μ sym ∇v)_i by v_bk."""
+    scale = el.mu * el.n[e, q]
+    _set_second_derivatives(d, el.hessian, x.g, b, el, e, x)
+    for i in range(d):
+        for k in range(d):
+            x.strong[i, k] -= scale * x.second[i, k]
+            x.strong[i, i] -= scale * x.second[k, k]
+            if el.graded:
+                x.strong[i, k] -= el.mu * x.g[b, i] * el.grad_n[e, q, k]
+                x.strong[i, i] -= el.mu * x.g[b, k] * el.grad_n[e, q, k]
 
 
 @inlined

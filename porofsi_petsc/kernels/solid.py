@@ -10,7 +10,7 @@ convergence test and their powers make the energy balance.
 
 import numpy as np
 
-from ..compiled import plain, specialized
+from ..compiled import plain, specialized, stack
 from .assemble import add_isotropic, mass_matrix, test_gradient, test_value
 
 TERMS = ("stress", "inertia", "pressure", "drag", "body")
@@ -74,34 +74,39 @@ def stress_tangent(G0, dV0, law, u, K=None):
     E, A, d = u.shape
     if K is None:
         K = np.empty((E, A, d, A, d))
-    D, tangent = np.empty((d, d * A * d)), plain(law.tangent(displacement_gradient(G0, u)))
-    _tangent_loop(A, d)(plain(G0), _volumes(G0, dV0), tangent, D, K.reshape(E, A, -1))
+    tangent = plain(law.tangent(displacement_gradient(G0, u)))
+    _tangent_loop(A, d)(plain(G0), _volumes(G0, dV0), tangent, K.reshape(E, A, -1))
     return K
 
 
 @specialized
 def _tangent_loop(A, d):
-    def loop(G0, dV0, tangent, D, K):
-        """D[J, (i, b, k)] = dP_iJ/dF_kL dN_b/dX_L dV0, which the test functions of node a contract with dN_a/dX_J."""
+    """Return the loop over points: D[J, (i, b, k)] = dP_iJ/dF_kL dN_b/dX_L dV0, contracted with dN_a/dX_J for node a."""
+    columns = d * A * d
+
+    def loop(G0, dV0, tangent, K):
+        g, D = stack((A, d)), stack((d, columns))
         K[:] = 0.0
         for e in range(len(K)):
             for q in range(tangent.shape[1]):
+                for a in range(A):
+                    for J in range(d):
+                        g[a, J] = G0[e, q, a, J]
                 for J in range(d):
                     for i in range(d):
                         for b in range(A):
                             for k in range(d):
                                 total = 0.0
                                 for L in range(d):
-                                    total += tangent[e, q, i, J, k, L] * G0[e, q, b, L]
+                                    total += tangent[e, q, i, J, k, L] * g[b, L]
                                 D[J, (i * A + b) * d + k] = dV0[e, q] * total
                 for a in range(A):
-                    g0, g1, g2 = G0[e, q, a, 0], G0[e, q, a, 1], G0[e, q, a, d - 1]
                     if d == 2:
-                        for z in range(d * A * d):
-                            K[e, a, z] += g0 * D[0, z] + g1 * D[1, z]
+                        for z in range(columns):
+                            K[e, a, z] += g[a, 0] * D[0, z] + g[a, 1] * D[1, z]
                     else:
-                        for z in range(d * A * d):
-                            K[e, a, z] += g0 * D[0, z] + g1 * D[1, z] + g2 * D[d - 1, z]
+                        for z in range(columns):
+                            K[e, a, z] += g[a, 0] * D[0, z] + g[a, 1] * D[1, z] + g[a, 2] * D[2, z]
 
     return loop
 

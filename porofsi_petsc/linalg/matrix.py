@@ -1,6 +1,7 @@
 """Distributed matrix filled from element matrices by coordinates (`MatSetValuesCOO`)."""
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from .compat import set_coo_pattern, set_coo_values
@@ -35,12 +36,10 @@ class CooMatrix:
         first = self.mat.getOwnershipRange()[0]
         self._buffer = np.zeros(E * m * m + n_owned_rows)
         self.values = self._buffer[: E * m * m].reshape(E, m, m)
-        self._diagonal = self._buffer[E * m * m :]
-        self._own = np.flatnonzero(owned_row)
-        self._own_rows = dofs.ravel()[self._own] - first
         self._constrained_rows = np.unique(dofs[np.logical_and(owned_row, constrained)] - first)
         self._free = np.ones(n_owned_rows, dtype=bool)
         self._free[self._constrained_rows] = False
+        self._is_constrained = comm.allreduce(len(self._constrained_rows) > 0, MPI.LOR)
         set_coo_pattern(self.mat, *_pattern(dofs, owned_row, constrained, first, n_owned_rows))
         self.assemble()
 
@@ -51,20 +50,20 @@ class CooMatrix:
         """
         if values is not None:
             self.values[...] = values
-        self._set_constrained_diagonal()
         set_coo_values(self.mat, self._buffer)
+        if self._is_constrained:
+            self._set_constrained_diagonal()
 
     def _set_constrained_diagonal(self):
         """Set the diagonal of constrained rows to the mean |diagonal| of the free rows of the same component (collective)."""
-        n, bs = len(self._free), self.block_size
-        element_diagonal = np.diagonal(self.values, axis1=1, axis2=2).ravel()[self._own]
-        diagonal = np.abs(np.bincount(self._own_rows, weights=element_diagonal, minlength=n))
-        component = np.arange(n) % bs
-        weights = (diagonal * self._free, self._free.astype(float))
-        sums = np.array([np.bincount(component, weights=w, minlength=bs) for w in weights])
+        diagonal = self.mat.getDiagonal()
+        entries, free = (x.reshape(-1, self.block_size) for x in (diagonal.array, self._free))
+        sums = np.array([(np.abs(entries) * free).sum(axis=0), free.sum(axis=0)])
         total, count = self.mat.comm.tompi4py().allreduce(sums)
-        mean = np.divide(total, count, out=np.ones(bs), where=(count > 0) & (total > 0))
-        self._diagonal[self._constrained_rows] = mean[component[self._constrained_rows]]
+        mean = np.divide(total, count, out=np.ones(self.block_size), where=(count > 0) & (total > 0))
+        entries[...] = np.where(free, entries, mean)
+        self.mat.setDiagonal(diagonal)
+        diagonal.destroy()
 
     def declare_symmetric(self, positive_definite=False):
         """Tell PETSc that the matrix is and stays symmetric: LDL^T instead of LU, or Cholesky when positive definite."""

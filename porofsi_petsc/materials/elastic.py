@@ -230,7 +230,20 @@ class EhlersEipper(_CompressibleNeoHookean):
 
 def deformation(H):
     """Return F = I + H."""
-    return np.eye(H.shape[-1]) + H
+    F = np.empty(H.shape)
+    _deformation_loop(H.shape[-1])(stacked(H), stacked(F))
+    return F
+
+
+@specialized
+def _deformation_loop(d):
+    def loop(H, F):
+        for p in range(len(H)):
+            for i in range(d):
+                for J in range(d):
+                    F[p, i, J] = H[p, i, J] + (i == J)
+
+    return loop
 
 
 def _small_strain(H):

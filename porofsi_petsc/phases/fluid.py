@@ -245,7 +245,7 @@ class FluidPhase:
         cells = self.domain.cells[rows]
 
         def gather(field):
-            return field[cells]
+            return np.take(field, cells, axis=0)
 
         c = gather(v - skeleton.mesh_velocity)
         return kernel.FlowFields(gather(v), gather(a), c, gather(skeleton.velocity), gather(p), gather(p - self._p0), b)
