@@ -6,22 +6,38 @@ from .compiled import inlined, plain, specialized
 
 
 @inlined
-def _cofactor(d, F, p, i, j):
-    """Return d det F / d F_ij of tensor p."""
+def _cofactor(d, F, i, j):
+    """Return d det F / d F_ij of a tensor (d, d)."""
     if d == 2:
-        return F[p, 1 - i, 1 - j] if i == j else -F[p, 1 - i, 1 - j]
-    k, l, m, n = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3  # noqa: E741
-    return F[p, k, m] * F[p, l, n] - F[p, k, n] * F[p, l, m]
+        return F[1 - i, 1 - j] if i == j else -F[1 - i, 1 - j]
+    k, m, n, r = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+    return F[k, n] * F[m, r] - F[k, r] * F[m, n]
+
+
+@inlined
+def _determinant(d, F):
+    """Return det F of a tensor (d, d)."""
+    total = 0.0
+    for j in range(d):
+        total += F[0, j] * _cofactor(d, F, 0, j)
+    return total
+
+
+@inlined
+def invert(d, F, inverse):
+    """Set the inverse of a tensor (d, d) and return its determinant."""
+    determinant = _determinant(d, F)
+    for i in range(d):
+        for j in range(d):
+            inverse[i, j] = _cofactor(d, F, j, i) / determinant
+    return determinant
 
 
 @specialized
 def _det_loop(d):
     def loop(F, determinant):
         for p in range(len(F)):
-            total = 0.0
-            for j in range(d):
-                total += F[p, 0, j] * _cofactor(d, F, p, 0, j)
-            determinant[p] = total
+            determinant[p] = _determinant(d, F[p])
 
     return loop
 
@@ -30,15 +46,12 @@ def _det_loop(d):
 def _det_minus_one_loop(d):
     def loop(H, result):
         for p in range(len(H)):
-            trace, second, third = 0.0, 0.0, 0.0
+            trace, second = 0.0, 0.0
             for i in range(d):
                 trace += H[p, i, i]
                 for j in range(i):
                     second += H[p, i, i] * H[p, j, j] - H[p, i, j] * H[p, j, i]
-            if d == 3:
-                for j in range(d):
-                    third += H[p, 0, j] * _cofactor(d, H, p, 0, j)
-            result[p] = trace + (second + third)
+            result[p] = trace + (second + (_determinant(d, H[p]) if d == 3 else 0.0))
 
     return loop
 
@@ -47,13 +60,7 @@ def _det_minus_one_loop(d):
 def _inverse_loop(d):
     def loop(F, inverse, determinant):
         for p in range(len(F)):
-            total = 0.0
-            for j in range(d):
-                total += F[p, 0, j] * _cofactor(d, F, p, 0, j)
-            determinant[p] = total
-            for i in range(d):
-                for j in range(d):
-                    inverse[p, i, j] = _cofactor(d, F, p, j, i) / total
+            determinant[p] = invert(d, F[p], inverse[p])
 
     return loop
 

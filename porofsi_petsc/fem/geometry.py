@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ..compiled import plain, specialized, stack
 from ..elements import Element
 from ..elements.quadrature import quadrature
-from ..tensors import inverse
+from ..tensors import invert
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,36 @@ class Geometry:
 
 def geometry(rule, coordinates):
     """Return the geometry of elements with nodal coordinates (E, A, d); dV <= 0 tells an inverted element."""
-    jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ rule.dN
-    jacobian_inverse, determinant = inverse(jacobian)
-    return Geometry(rule.dN @ jacobian_inverse, determinant * rule.weights)
+    E, A, d = coordinates.shape
+    points = len(rule.dN)
+    G, determinant = np.empty((E, points, A, d)), np.empty((E, points))
+    _geometry_loop(A, d)(plain(rule.dN), plain(coordinates), G, determinant)
+    return Geometry(G, determinant * rule.weights)
+
+
+@specialized
+def _geometry_loop(A, d):
+    """Return the loop that writes dN/dx = dN/dxi (dx/dxi)^-1 and |dx/dxi| at the points of dN (Q', A, d)."""
+
+    def loop(dN, coordinates, G, determinant):
+        jacobian, pull = stack((d, d)), stack((d, d))
+        for e in range(len(G)):
+            for q in range(len(dN)):
+                for i in range(d):
+                    for m in range(d):
+                        total = 0.0
+                        for a in range(A):
+                            total += coordinates[e, a, i] * dN[q, a, m]
+                        jacobian[i, m] = total
+                determinant[e, q] = invert(d, jacobian, pull)
+                for a in range(A):
+                    for i in range(d):
+                        total = 0.0
+                        for m in range(d):
+                            total += dN[q, a, m] * pull[m, i]
+                        G[e, q, a, i] = total
+
+    return loop
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ class FluidPhase:
         for region, chunk in domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
             kernel.flow_residual(elements, _part(fields, chunk), terms[chunk])
-        momentum, volume = kernel.split_terms(domain.scatter_add(terms), domain.dim)
+        momentum, volume = kernel.split_terms(np.asfortranarray(domain.scatter_add(terms)), domain.dim)
         momentum_terms = dict(zip(kernel.MOMENTUM_TERMS, momentum, strict=True))
         volume_terms = dict(zip(kernel.VOLUME_TERMS, volume[..., None], strict=True))
         momentum_terms["traction"], volume_terms["flux"] = -self._traction, self._flux
