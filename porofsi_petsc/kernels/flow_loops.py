@@ -232,8 +232,8 @@ def residual_loop(A, d):
     def loop(el, f, terms):
         x, D = new_point(A, d), stack((rows, columns))
         D[:] = 0.0
-        terms[:] = 0.0
         for e in range(len(terms)):
+            terms[e] = 0.0
             for q in range(len(el.N)):
                 set_point(A, d, el, f, e, q, x)
                 _set_balances(A, d, el, f, e, q, x, D)
@@ -337,8 +337,8 @@ def tangent_loop(A, d, m):
         x, D = new_point(A, d), stack((rows, rows, A, m))
         flat = D.reshape(rows, columns)
         D[:] = 0.0
-        K[:] = 0.0
         for e in range(len(K)):
+            K[e] = 0.0
             for q in range(len(el.N)):
                 set_point(A, d, el, f, e, q, x)
                 _set_derivatives(A, d, el, e, q, c_f, x, D)

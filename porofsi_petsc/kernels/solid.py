@@ -53,8 +53,8 @@ def stress_residual(G0, dV0, law, u):
 @specialized
 def _stress_loop(A, d):
     def loop(G0, dV0, P, vectors):
-        vectors[:] = 0.0
         for e in range(len(vectors)):
+            vectors[e] = 0.0
             for q in range(P.shape[1]):
                 for a in range(A):
                     for i in range(d):
@@ -86,8 +86,8 @@ def _tangent_loop(A, d):
 
     def loop(G0, dV0, tangent, K):
         g, D = stack((A, d)), stack((d, columns))
-        K[:] = 0.0
         for e in range(len(K)):
+            K[e] = 0.0
             for q in range(tangent.shape[1]):
                 for a in range(A):
                     for J in range(d):
