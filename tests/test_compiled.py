@@ -1,0 +1,53 @@
+"""Compiled loops: one compilation for every kind of array, NaN passes through, machine code is kept and found again."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from porofsi_petsc.compiled import plain
+from porofsi_petsc.elements import ELEMENTS
+from porofsi_petsc.fem.geometry import Rule, geometry
+from porofsi_petsc.kernels import solid
+from porofsi_petsc.materials import ELASTIC
+
+CACHED = """
+import numpy as np
+from porofsi_petsc import tensors
+tensors.det(np.eye(2)[None])
+loop = tensors._det_loop(2)
+print(sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))
+"""
+
+
+def test_plain_takes_arrays_that_are_read_only_broadcast_or_integer():
+    for array in (np.broadcast_to(1.5, (3, 2)), np.arange(6).reshape(2, 3).T, np.ones((2, 2))[:, ::-1]):
+        made = plain(array)
+        assert made.dtype == np.float64 and made.flags.c_contiguous and made.flags.writeable
+        assert np.array_equal(made, array)
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_nan_of_one_element_is_seen_there_and_nowhere_else(name):
+    element, law = ELEMENTS[name], ELASTIC["neo_hookean"](lam=1.7, mu=0.8)
+    X = np.broadcast_to(element.node_coordinates, (3, element.nodes, element.dim))
+    reference = geometry(Rule.of(element, 2), X)
+    u = np.zeros(X.shape)
+    u[1] = np.nan
+    for vectors in (
+        solid.stress_residual(reference.G, reference.dV, law, u),
+        solid.stress_tangent(reference.G, reference.dV, law, u),
+    ):
+        seen = np.isnan(vectors.reshape(3, -1)).any(axis=1)
+        assert seen.tolist() == [False, True, False]
+
+
+def test_machine_code_is_read_by_the_next_process(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    counts = []
+    for _ in range(2):
+        run = subprocess.run([sys.executable, "-c", CACHED], env=environment, capture_output=True, text=True, check=True)
+        counts.append(run.stdout.split())
+    assert counts == [["0", "1"], ["1", "0"]]
