@@ -23,12 +23,13 @@ class InterfaceMedium(Medium):
     predicted one (weak: staggered, the force comes once) or nothing (one-way).  Each step ends when all residuals are small.
     """
 
-    def __init__(self, *medium, motion, transfer, sees="trial", **scheme):
+    def __init__(self, *medium, motion, transfer, sees="trial", pressure=None, **scheme):
         """Take what the scheme takes; the `phases.MeshMotion`, the `fem.transfer.InterfaceTransfer`, and what the fluid sees.
 
-        sees : "trial", "predicted" or "nothing"
+        sees : "trial", "predicted" or "nothing"; pressure : `fem.boundary.InterfacePressure`, by which the pressure follows a
+        solid that the fluid does not see
         """
-        self.motion, self._transfer, self._sees = motion, transfer, sees
+        self.motion, self._transfer, self._sees, self._pressure = motion, transfer, sees, pressure
         super().__init__(*medium, **scheme)
         sides = transfer.fluid_nodes, transfer.solid_nodes
         self._on_fluid, self._on_solid = (nodes[: self.solid.mesh.n_owned, None] for nodes in sides)
@@ -56,7 +57,11 @@ class InterfaceMedium(Medium):
         return self._with_force(np.where(self._on_fluid, self.fluid.boundary_force(fluid_residuals[0]), 0.0))
 
     def _with_force(self, force):
-        return replace(self.fluid.flow(), force=self._transfer.to_solid(force))
+        flow = self.fluid.flow()
+        if self._pressure is not None:
+            moved = self._transfer.to_fluid(self.solid.skeleton().displacement)
+            force = force + self._pressure.turned(flow.pressure, moved)
+        return replace(flow, force=self._transfer.to_solid(force))
 
     def displacement(self):
         """Return the accepted displacement of solid and mesh, (n_local, d) [m]."""

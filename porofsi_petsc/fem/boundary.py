@@ -6,7 +6,15 @@ import numpy as np
 
 from ..elements.quadrature import quadrature
 from ..elements.simplex import FACET, barycentric
-from ..kernels.surface import backflow_residual, backflow_tangent, facet_normal, surface_load, surface_mass, weak_zero
+from ..kernels.surface import (
+    backflow_residual,
+    backflow_tangent,
+    facet_normal,
+    pressure_load,
+    surface_load,
+    surface_mass,
+    weak_zero,
+)
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 from ..tensors import inverse
 from .geometry import Rule
@@ -166,15 +174,7 @@ class InterfaceMass:
 
         tags : of more facets of the domain, where the other one has nodes of its own
         """
-        element = domain.element
-        facets = cell_facets(domain.cells, element)
-        rows, local = np.nonzero((domain.holds & other.holds)[facets[:, :, : element.dim]].all(axis=2))
-        shared = (
-            locate_facets(facets[rows, local], other.cells, element)[0] >= 0 if len(other.cells) else np.zeros(len(rows), bool)
-        )
-        more = [domain.mesh.facets[tag] for tag in tags]
-        rows = np.concatenate([rows[shared], *(domain.row_of_cell[tagged.cells] for tagged in more)])
-        local = np.concatenate([local[shared], *(tagged.local for tagged in more)])
+        rows, local = interface_facets(domain, other, tags)
         terms, areas = facet_masses(domain, rows, local)
         return cls(rows, terms, domain.mesh.comm.allreduce(float(areas[domain.owned[rows]].sum())))
 
@@ -189,6 +189,50 @@ class InterfaceMass:
         vectors = np.zeros((*domain.cells.shape, field.shape[1]))
         np.add.at(vectors, self.rows, self.terms @ field[domain.cells[self.rows]])
         return domain.scatter_add(vectors)
+
+
+class InterfacePressure:
+    """What a pressure does to a surface that has moved, beyond what it does in the reference configuration.
+
+    A fluid that sees a rigid wall gives forces that keep their direction.  A uniform pressure on all sides of a body is nothing
+    but compression; its dead forces on the undeformed outline would buckle a slender one.
+    """
+
+    def __init__(self, domain, other, tags=()):
+        """Prepare the facets of a `Domain` of the fluid, as `InterfaceMass.between` takes them."""
+        self._mesh, element = domain.mesh, domain.element
+        rows, local = interface_facets(domain, other, tags)
+        self._nodes = domain.cells[rows[:, None], np.array(element.facets)[local]]
+        self._rule = Rule.of(FACET[element.name], 3 * element.order)  # exact: N_a p times the normal of a flat facet
+        self._reference = self._normals(np.zeros((domain.n_local, domain.dim)))
+
+    def _normals(self, displacement):
+        x = (self._mesh.X + displacement)[self._nodes]
+        return facet_normal(self._rule.dN, self._rule.weights, x)
+
+    def turned(self, p, displacement):
+        """Return ∮ N_a p (n da - n dA) on the owned nodes, (n_owned, d) [N], n out of the fluid.
+
+        p (n_local,) [Pa]; displacement (n_local, d) [m]
+        """
+        forces = np.zeros((self._mesh.n_local, self._mesh.dim))
+        change = self._normals(displacement) - self._reference
+        np.add.at(forces, self._nodes, pressure_load(self._rule.N, change, p[self._nodes] @ self._rule.N.T))
+        return forces[: self._mesh.n_owned]
+
+
+def interface_facets(domain, other, tags=()):
+    """Return rows and local numbers, (F,) each, of the facets that a `Domain` shares with another one on the same mesh.
+
+    tags : of more facets of the domain, where the other one has nodes of its own
+    """
+    element = domain.element
+    facets = cell_facets(domain.cells, element)
+    rows, local = np.nonzero((domain.holds & other.holds)[facets[:, :, : element.dim]].all(axis=2))
+    shared = locate_facets(facets[rows, local], other.cells, element)[0] >= 0 if len(other.cells) else np.zeros(len(rows), bool)
+    more = [domain.mesh.facets[tag] for tag in tags]
+    rows = np.concatenate([rows[shared], *(domain.row_of_cell[tagged.cells] for tagged in more)])
+    return rows, np.concatenate([local[shared], *(tagged.local for tagged in more)])
 
 
 def open_facets(domain, held):

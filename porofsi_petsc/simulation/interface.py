@@ -6,7 +6,7 @@ from ..coupling.accelerators import ACCELERATORS
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
-from ..fem.boundary import Dirichlet, InterfaceMass, OpenBoundary, SurfaceLoad, tags_of
+from ..fem.boundary import Dirichlet, InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, tags_of
 from ..fem.domain import Domain
 from ..fem.transfer import InterfaceTransfer, Pair
 from ..materials import MESH_MOTION
@@ -46,7 +46,7 @@ def interface_medium(scene, mesh, stopwatch):
         mixture = InterfaceMixture(solid, fluid, motion, setups, transfer.fluid_nodes, choice.scheme == "direct")
         return InterfaceMonolithic(*medium, mixture, **both)
     medium = *medium, accelerator, choice.tangent == "newton"
-    return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=conditions, **both)
+    return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=conditions, pressure=builder.pressure, **both)
 
 
 class _Builder:
@@ -69,6 +69,7 @@ class _Builder:
         solid_tags, fluid_tags = ([tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid"))
         solid, fluid = self._domains
         self._masses = InterfaceMass.between(fluid, solid, fluid_tags), InterfaceMass.between(solid, fluid, solid_tags)
+        self.pressure = InterfacePressure(fluid, solid, fluid_tags) if choice.scheme == "one_way" else None
         self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
 
     @property
