@@ -11,7 +11,8 @@ convergence test and their powers make the energy balance.
 import numpy as np
 
 from ..compiled import plain, specialized, stack
-from .assemble import add_isotropic, mass_matrix, test_gradient, test_value
+from .assemble import add_isotropic, mass_matrix, test_value
+from .contraction import add_point
 
 TERMS = ("stress", "inertia", "pressure", "drag", "body")
 
@@ -139,13 +140,39 @@ def coupling_residual(N, geometry, material, J, p, w):
 
     p (E, A) [Pa], w (E, A, d) = v_f - v_s nodal [m/s]; both results (E, A, d) [N].
     """
-    G, dV = geometry.G, geometry.dV
-    gradient = np.swapaxes(G, 2, 3) @ p[:, None, :, None]
-    weighted = -material.fluid_fraction(J)[..., None] * gradient[..., 0]
-    d = G.shape[-1]
-    pressure = test_value(N, dV, weighted) + test_gradient(G, dV, -(p @ N.T)[..., None, None] * np.eye(d))
-    drag = test_value(N, dV, -material.drag(J)[..., None] * (N @ w))
-    return pressure, drag
+    A, d = w.shape[1:]
+    n, S, vectors = plain(material.fluid_fraction(J)), plain(material.drag(J)), np.empty((len(w), A, 2 * d))
+    _coupling_loop(A, d)(plain(N), plain(geometry.G), plain(geometry.dV), n, S, plain(p), plain(w), vectors)
+    return vectors[..., :d], vectors[..., d:]
+
+
+@specialized
+def _coupling_loop(A, d):
+    """Return the loop that writes the pressure term and the drag term side by side, (E, A, 2 d)."""
+    rows, columns = 1 + d, 2 * d
+
+    def loop(N, G, dV, n, S, p, w, vectors):
+        g, D = stack((A, d)), stack((rows, columns))
+        D[:] = 0.0
+        for e in range(len(vectors)):
+            vectors[e] = 0.0
+            for q in range(len(N)):
+                value = 0.0
+                for a in range(A):
+                    value += N[q, a] * p[e, a]
+                    for j in range(d):
+                        g[a, j] = G[e, q if A > d + 1 else 0, a, j]
+                for i in range(d):
+                    gradient, relative = 0.0, 0.0
+                    for a in range(A):
+                        gradient += g[a, i] * p[e, a]
+                        relative += N[q, a] * w[e, a, i]
+                    D[0, i] = -dV[e, q] * n[e, q] * gradient
+                    D[0, d + i] = -dV[e, q] * S[e, q] * relative
+                    D[1 + i, i] = -dV[e, q] * value
+                add_point(A, d, columns, N, q, g, D, e, vectors)
+
+    return loop
 
 
 def body_residual(N, dV0, rho_s, b):
