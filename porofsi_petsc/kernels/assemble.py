@@ -1,4 +1,4 @@
-"""The two contractions that turn pointwise quantities into element vectors and matrices.
+"""The contractions that turn pointwise quantities into element vectors and matrices, where no compiled loop does.
 
 Quadrature is merged into the contracted axis of one stacked matrix product.
 """
@@ -14,17 +14,6 @@ def broadcast_gradient(G, points):
 def test_value(N, dV, X):
     """Return the sum over q of N_a X dV, (E, A, k), for X (E, Q, k)."""
     return N.T @ (X * dV[..., None])
-
-
-def test_gradient(G, dV, Y):
-    """Return the sum over q of dN_a/dx_j Y_.j dV, (E, A, k), for Y (E, Q, k, d)."""
-    weighted = Y * dV[..., None, None]
-    if G.shape[1] == 1:
-        return G[:, 0] @ np.swapaxes(weighted.sum(axis=1), 1, 2)
-    E, Q, A, d = G.shape
-    left = np.ascontiguousarray(np.moveaxis(G, 1, 2)).reshape(E, A, Q * d)
-    right = np.ascontiguousarray(np.moveaxis(weighted, 2, 3)).reshape(E, Q * d, Y.shape[2])
-    return left @ right
 
 
 def mass_matrix(N, weights):
@@ -45,14 +34,6 @@ def laplacian(G, weights):
     flat = np.ascontiguousarray(np.moveaxis(G, 2, 1)).reshape(E, A, Q * d)
     weighted = (np.moveaxis(G, 2, 1) * weights[:, None, :, None]).reshape(E, A, Q * d)
     return weighted @ np.swapaxes(flat, 1, 2)
-
-
-def diffusion(G, tensors, dV):
-    """Return the sum over q of dN_a/dx_i T_ij dN_b/dx_j dV, (E, A, A), for symmetric tensors (E, Q, d, d)."""
-    weighted = tensors * dV[..., None, None]
-    if G.shape[1] == 1:
-        return G[:, 0] @ weighted.sum(axis=1) @ np.swapaxes(G[:, 0], 1, 2)
-    return (G @ weighted @ np.swapaxes(G, 2, 3)).sum(axis=1)
 
 
 def add_isotropic(matrix, block, components):
