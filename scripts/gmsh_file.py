@@ -32,7 +32,7 @@ def make(options, geometry, dim=2):
 def name_groups(dim, groups):
     """Name the entities of one dimension; what has no name is not written."""
     for name, members in groups.items():
-        gmsh.model.addPhysicalGroup(dim, members, name=name)
+        gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, members), name)
 
 
 def write(order, path, dim=2):

@@ -77,7 +77,7 @@ def channel(level, part):
     groups = geometry(level)
     for option in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
-    gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y) / 2**level)
+    gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, *_: size(x, y) / 2**level)
     unwanted = {"fluid": ("beam", "root"), "solid": ("fluid", "inlet", "outlet", "walls", "cylinder"), "both": ()}[part]
     return ({name: members for name, members in named.items() if name not in unwanted} for named in groups)
 
