@@ -1,7 +1,9 @@
 """Element routines compiled by Numba: one source for all elements, whose sizes the compiler knows, kept on disk."""
 
+import fcntl
 import hashlib
 import os
+from contextlib import contextmanager
 from functools import cache, wraps
 from pathlib import Path
 
@@ -75,7 +77,8 @@ def specialized(make):
     """Return a function (*sizes) -> compiled loop, from one (*sizes) -> loop over elements, made and kept for every set of sizes.
 
     Machine code is read from disk or compiled and written at the first call.  Every set has files of its own, which Numba
-    replaces atomically and all processes fill alike: many ranks may start at once.
+    replaces atomically; of the ranks on a machine one compiles while the others wait to read.  Where nothing can be written,
+    every process compiles for itself.
     """
 
     @cache
@@ -83,15 +86,48 @@ def specialized(make):
     def of_sizes(*sizes):
         loop = make(*sizes)
         loop.__qualname__ = "_".join([make.__name__, *map(str, sizes)])
-        return _compile_cached(loop)
+        return _Loop(_compile_cached(loop), CACHE_FOLDER / f"{loop.__qualname__}.lock")
 
     return of_sizes
+
+
+class _Loop:
+    """A compiled loop whose first call is the only one of its kind on this machine at that time."""
+
+    def __init__(self, compiled, lock):
+        self.compiled, self._lock, self._ready = compiled, lock, False
+
+    def __call__(self, *arguments):
+        if self._ready:
+            return self.compiled(*arguments)
+        with _alone(self._lock):
+            result = self.compiled(*arguments)
+        self._ready = True
+        return result
+
+
+@contextmanager
+def _alone(lock):
+    """Hold a file's lock, which the system takes back from a process that dies; nothing where there can be no such file."""
+    try:
+        file = open(lock, "a")
+    except OSError:
+        yield
+        return
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        except OSError:  # a file system without locks: every process compiles, with the same result
+            pass
+        yield
 
 
 def _compile_cached(loop):
     users, config.CACHE_DIR = config.CACHE_DIR, str(CACHE_FOLDER)
     try:
         return numba.njit(loop, **OPTIONS, cache=True)
+    except RuntimeError:  # no place that can be written
+        return numba.njit(loop, **OPTIONS)
     finally:
         config.CACHE_DIR = users
 

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from porofsi_petsc import compiled
 from porofsi_petsc.compiled import plain
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, geometry
@@ -17,7 +18,7 @@ CACHED = """
 import numpy as np
 from porofsi_petsc import tensors
 tensors.det(np.eye(2)[None])
-loop = tensors._det_loop(2)
+loop = tensors._det_loop(2).compiled
 print(sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))
 """
 
@@ -44,10 +45,36 @@ def test_nan_of_one_element_is_seen_there_and_nowhere_else(name):
         assert seen.tolist() == [False, True, False]
 
 
+def started(cache):
+    """Return a process that calls a compiled loop once and prints how often its code was read and made."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+    return subprocess.Popen([sys.executable, "-c", CACHED], env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def counts(process):
+    """Return how often a process that `started` has read and made machine code."""
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    return [int(word) for word in output.split()]
+
+
 def test_machine_code_is_read_by_the_next_process(tmp_path):
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    counts = []
-    for _ in range(2):
-        run = subprocess.run([sys.executable, "-c", CACHED], env=environment, capture_output=True, text=True, check=True)
-        counts.append(run.stdout.split())
-    assert counts == [["0", "1"], ["1", "0"]]
+    assert [counts(started(tmp_path)) for _ in range(2)] == [[0, 1], [1, 0]]
+
+
+def test_of_processes_that_start_together_one_compiles(tmp_path):
+    together = [started(tmp_path) for _ in range(3)]
+    assert sorted(counts(process) for process in together) == [[0, 1], [1, 0], [1, 0]]
+
+
+def test_without_a_place_to_write_it_compiles_for_itself(monkeypatch):
+    njit = compiled.numba.njit
+
+    def nowhere(function, cache=False, **options):
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return njit(function, **options)
+
+    monkeypatch.setattr(compiled.numba, "njit", nowhere)
+    loop = compiled.specialized(lambda factor: lambda x: factor * x)(3.0)
+    assert loop(2.0) == 6.0
