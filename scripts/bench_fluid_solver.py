@@ -9,14 +9,11 @@ Reynolds number U H/ν.  A Newton iteration each until 1e-6; numbers are FGMRES 
 
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from porofsi_petsc.linalg import options  # noqa: E402
+from porofsi_petsc.linalg import options
 
 ELEMENTS = {"T3": (2, 1), "T6": (2, 2), "T4": (3, 1), "T10": (3, 2)}
 MESHES = {"T3": (16, 32, 64), "T6": (8, 16, 32), "T4": (4, 8, 12), "T10": (2, 4, 6)}

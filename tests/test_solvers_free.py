@@ -1,15 +1,10 @@
 """Iterative solvers of free fluids: bounded over mesh, step and Reynolds number, equal to factorizations, on any ranks."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from bench_fluid_solver import Channel, count, solve
 
 from porofsi_petsc.linalg import options
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
-from bench_fluid_solver import Channel, count, solve  # noqa: E402
 
 # Coarse and fine mesh.
 MESHES = {"T3": (8, 24), "T6": (4, 12), "T4": (4, 7), "T10": (2, 3)}
