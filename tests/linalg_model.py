@@ -41,7 +41,8 @@ class Block:
         owned = (self.all_cells >= self.first_node) & (self.all_cells < last)
         self.touching = owned.any(axis=1)
         self.all_matrices = self.element_blocks(self.X, self.all_cells)
-        self.element_matrices = self.all_matrices[self.touching]
+        sizes = 2 * (self.all_cells.shape[1], block_size)
+        self.element_matrices = self.all_matrices[self.touching].reshape(self.touching.sum(), *sizes)  # (E, A, m, A, m)
         self.constrained = np.zeros((len(self.X), block_size), bool)
         self.constrain(self.constrained, self.X)
         self.constrained = self.constrained.ravel()
@@ -52,12 +53,11 @@ class Block:
         )
 
     def matrix(self, prefix):
-        from porofsi_petsc.linalg.matrix import CooMatrix
+        from porofsi_petsc.linalg.matrix import ElementMatrix
 
-        dofs = self.dofs(self.all_cells[self.touching])
-        first, n = self.first_node * self.block_size, self.n_owned_nodes * self.block_size
-        owned_row = (dofs >= first) & (dofs < first + n)
-        A = CooMatrix(self.comm, n, dofs, owned_row, self.constrained[dofs], self.block_size, prefix)
+        cells, numbering = self.all_cells[self.touching], np.arange(len(self.X))
+        constrained = self.constrained.reshape(len(self.X), self.block_size)
+        A = ElementMatrix(self.comm, cells, numbering, self.n_owned_nodes, constrained, prefix)
         A.assemble(self.element_matrices)
         return A
 
@@ -142,7 +142,7 @@ class ElasticBlock(Block):
     def softened(self):
         """Return the element matrices with a stiffness that varies by a factor of 1000 over the block."""
         factor = 10.0 ** (-3 * np.sin(self.X[self.all_cells[self.touching]].sum(axis=(1, 2))) ** 2)
-        return self.element_matrices * factor[:, None, None]
+        return self.element_matrices * factor[:, None, None, None, None]
 
     def load(self):
         """Return a force that varies over the block, on the owned rows."""

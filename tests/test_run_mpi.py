@@ -67,14 +67,13 @@ import numpy as np
 from mpi4py import MPI
 from porofsi_petsc.linalg.options import start
 start()
-from porofsi_petsc.linalg.matrix import CooMatrix
+from porofsi_petsc.linalg.matrix import ElementMatrix
 from porofsi_petsc.linalg.solver import LinearSolver, direct_defaults
 rank = MPI.COMM_WORLD.rank
 gc.disable()
 cell = np.array([[0, 1]])
-matrix = CooMatrix(MPI.COMM_WORLD, 1, cell, cell == rank, np.zeros((1, 2), bool), 1, "a_")
-matrix.values[:] = np.array([[2.0, -1.0], [-1.0, 2.0]]).reshape(matrix.values.shape)
-matrix.assemble()
+matrix = ElementMatrix(MPI.COMM_WORLD, cell, np.arange(2), 1, np.zeros((2, 1), bool), "a_")
+matrix.assemble(np.array([[2.0, -1.0], [-1.0, 2.0]]).reshape(1, 2, 1, 2, 1))
 solver = LinearSolver(matrix.mat, "a_", direct_defaults())
 solver.update()
 assert abs(solver.solve(np.ones(1))[0] - 1) < 1e-14

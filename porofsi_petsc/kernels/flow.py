@@ -134,17 +134,17 @@ def split_terms(terms, d):
     return np.moveaxis(momentum, -2, 0), np.moveaxis(terms[..., count * d :], -1, 0)
 
 
-def flow_tangent(el, f, c_f, K=None):
+def flow_tangent(el, f, c_f, components=None):
     """Return the derivative of `flow_residual` by (v, p) on the collocation level, (E, A, m, A, m), m = d + 1.
 
     c_f = d a/d v [1/s], zero without inertia.  τ and ν_L are frozen (they belong to the start of the step), so this is exact.
-    K : contiguous, where it is written; may have m > d + 1 unknowns per node, the rest of which is set to zero
+    components : m, if there are more unknowns per node; the rows and columns of the others are zero
     """
     sizes, elements, fields = _arguments(el, f)
     E, A, d = fields.v.shape
-    if K is None:
-        K = np.empty((E, A, d + 1, A, d + 1))
-    flow_loops.tangent_loop(*sizes, K.shape[2])(elements, fields, float(c_f), K.reshape(E, A, -1))
+    m = components or d + 1
+    K = np.empty((E, A, m, A, m))
+    flow_loops.tangent_loop(*sizes, m)(elements, fields, float(c_f), K.reshape(E, A, -1))
     return K
 
 

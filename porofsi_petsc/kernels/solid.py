@@ -67,14 +67,10 @@ def _stress_loop(A, d):
     return loop
 
 
-def stress_tangent(G0, dV0, law, u, K=None):
-    """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m].
-
-    K : contiguous, where it is written
-    """
+def stress_tangent(G0, dV0, law, u):
+    """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m]."""
     E, A, d = u.shape
-    if K is None:
-        K = np.empty((E, A, d, A, d))
+    K = np.empty((E, A, d, A, d))
     tangent = plain(law.tangent(displacement_gradient(G0, u)))
     _tangent_loop(A, d)(plain(G0), _volumes(G0, dV0), tangent, K.reshape(E, A, -1))
     return K

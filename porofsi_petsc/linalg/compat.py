@@ -1,13 +1,16 @@
 """The one place that knows the differences between petsc4py 3.18 and the newest: C functions without a wrapper, renamed calls."""
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from petsc4py import PETSc
 
 _library = ctypes.CDLL(PETSc.__file__)
-_library.MatSetPreallocationCOO.argtypes = [ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_void_p, ctypes.c_void_p]
-_library.MatSetValuesCOO.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
+_library.MatMPIAIJGetSeqAIJ.argtypes = [ctypes.c_void_p] * 4
+_library.MatSeqAIJGetArray.argtypes = [ctypes.c_void_p] * 2
+_library.MatSeqAIJRestoreArray.argtypes = [ctypes.c_void_p] * 2
 _library.PetscOptionsUsed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
 _library.PetscOptionsInsert.argtypes = [ctypes.c_void_p] * 4
 
@@ -29,20 +32,27 @@ def insert_environment_options() -> None:
     _check(_library.PetscOptionsInsert(None, None, None, None))
 
 
-def set_coo_pattern(matrix: PETSc.Mat, rows: np.ndarray, columns: np.ndarray) -> None:
-    """Declare the entries of `set_coo_values`; entries with a negative index are dropped.
+@contextmanager
+def local_values(matrix: PETSc.Mat, sizes: tuple[int, int]) -> Iterator[list[np.ndarray]]:
+    """Lend the values of an AIJ matrix, row by row: those in the columns of this rank and those in the others', of known sizes.
 
-    rows, columns : (nnz,) PETSc.IntType, overwritten by PETSc.  Wrapped by petsc4py from 3.23.5.
+    PETSc keeps them in two matrices, of which petsc4py shows neither; on one process all is in the first.
     """
-    if hasattr(matrix, "setPreallocationCOO"):
-        matrix.setPreallocationCOO(rows, columns)
-    else:
-        _check(_library.MatSetPreallocationCOO(matrix.handle, rows.size, rows.ctypes.data, columns.ctypes.data))
+    parts = [ctypes.c_void_p(matrix.handle), None]
+    if matrix.comm.size > 1:
+        parts = [ctypes.c_void_p(), ctypes.c_void_p()]
+        _check(_library.MatMPIAIJGetSeqAIJ(matrix.handle, *map(ctypes.byref, parts), None))
+    pointers = [ctypes.c_void_p() for _ in parts]
+    for part, pointer in zip(parts, pointers, strict=True):
+        if part is not None:
+            _check(_library.MatSeqAIJGetArray(part, ctypes.byref(pointer)))
+    try:
+        yield [_view(pointer, size) for pointer, size in zip(pointers, sizes, strict=True)]
+    finally:
+        for part, pointer in zip(parts, pointers, strict=True):
+            if part is not None:
+                _check(_library.MatSeqAIJRestoreArray(part, ctypes.byref(pointer)))
 
 
-def set_coo_values(matrix: PETSc.Mat, values: np.ndarray) -> None:
-    """Replace the matrix by the sums of the repeated entries; values : (nnz,) float64 in the order of the pattern."""
-    if hasattr(matrix, "setValuesCOO"):
-        matrix.setValuesCOO(values, PETSc.InsertMode.INSERT_VALUES)
-    else:
-        _check(_library.MatSetValuesCOO(matrix.handle, values.ctypes.data, int(PETSc.InsertMode.INSERT_VALUES)))
+def _view(pointer, size):
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(pointer.value)) if size else np.empty(0)

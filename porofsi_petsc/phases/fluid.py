@@ -334,11 +334,12 @@ class FluidPhase:
             return
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.components, self._setup.solver_mask)
-        values = self._setup.element_view(self._matrix, self.components)
-        for chunk, K in self._element_tangents(skeleton, rates, fields, self._setup.split, values):
+        self._matrix.clear()
+        for chunk, K in self._element_tangents(skeleton, rates, fields, self._setup.split, self.components):
             if self._setup.robin is not None:
                 self._setup.robin.add_to(K, self.robin_coefficient, chunk, self.mesh.dim)
-        self._matrix.assemble()
+            self._matrix.add(chunk, K)
+        self._matrix.finish()
         self._tangent_J = skeleton.configuration.J
         if self._setup.porous:
             self._chi = self.dragged_fraction(skeleton, rates)
@@ -365,11 +366,11 @@ class FluidPhase:
         )
         self._pressure.assemble(chunks, rates.c_f, speed, self.robin_coefficient, diagonal)
 
-    def _element_tangents(self, skeleton, rates, fields, split, values=None):
-        """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields; with `values` of all elements, a view of them."""
+    def _element_tangents(self, skeleton, rates, fields, split, components):
+        """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields, for m unknowns per node."""
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements, part = self._elements(region, chunk, skeleton.configuration), _part(fields, chunk)
-            K = kernel.flow_tangent(elements, part, rates.c_f, None if values is None else values[chunk])
+            K = kernel.flow_tangent(elements, part, rates.c_f, components)
             if split == "corrected":
                 self._add_skeleton_answer(K, elements, self._setup.materials[region], skeleton, rates, chunk)
             for boundary in self._setup.open_boundaries:
@@ -378,7 +379,7 @@ class FluidPhase:
 
     def trial_tangents(self, rates, skeleton):
         """Yield (chunk, tangent (E, A, d + 1, A, d + 1)) of the trial state on a fixed mesh, of the plain split."""
-        return self._element_tangents(skeleton, rates, self._trial_fields(skeleton), "plain")
+        return self._element_tangents(skeleton, rates, self._trial_fields(skeleton), "plain", self.mesh.dim + 1)
 
     def exchange_tangents(self, rates, skeleton):
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the skeleton's positions) of the trial state."""

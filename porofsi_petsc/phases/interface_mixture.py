@@ -54,10 +54,9 @@ class InterfaceMixture:
         whole = self._setup.on(self._domain)
         if self._matrix is None:
             self._matrix = whole.new_matrix(self.prefix, m, self._mask)
-        values, self._rates = whole.element_view(self._matrix, m), rates
-        values[...] = 0.0
+        values, self._rates = whole.new_tangents(m), rates
         self._fill(values, rates)
-        self._matrix.assemble()
+        self._matrix.assemble(values)
         self.assemblies += 1
         if self.solver is None:
             # a factorization in 3-D too: this matrix has no preconditioner of its own yet

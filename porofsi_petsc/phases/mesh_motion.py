@@ -166,11 +166,11 @@ class MeshMotion:
         setup = self._setup
         if self._matrix is None:
             self._matrix = setup.new_matrix(self.prefix, self.mesh.dim, setup.mask)
-        values = setup.element_view(self._matrix, self.mesh.dim)
         nodal = self.domain.gather(u)
+        self._matrix.clear()
         for chunk, G, dV in self._stiffened():
-            kernel.stress_tangent(G, dV, setup.law, nodal[chunk], values[chunk])
-        self._matrix.assemble()
+            self._matrix.add(chunk, kernel.stress_tangent(G, dV, setup.law, nodal[chunk]))
+        self._matrix.finish()
         self.assemblies, self._stale = self.assemblies + 1, False
         if self.solver is None:
             self.solver = setup.new_solver(self._matrix)

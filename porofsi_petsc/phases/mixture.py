@@ -53,11 +53,11 @@ class QuasiDirectMixture:
         m = 2 * self.mesh.dim + 1
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, m, self._mask)
-        values, self.rates = self._setup.element_view(self._matrix, m), rates
+        values, self.rates = self._setup.new_tangents(m), rates
         self._fill(values, rates, self._solid.skeleton())
         self._combine(values)
         self._scale(values)
-        self._matrix.assemble()
+        self._matrix.assemble(values)
         self.assemblies += 1
         if self.solver is None:
             sweep = PhaseSweep(self, self._solid, self._fluid)

@@ -38,7 +38,10 @@ class PressureOperators:
         """
         if self._matrix is None:
             self._matrix = self._setup.new_matrix("pressure_", 1, np.zeros((self.domain.n_local, 1), dtype=bool))
-        values = {name: np.empty(self._matrix.values.shape) for name in ("compliance", "laplacian", "transport")}
+        values = {
+            name: np.empty((*self.domain.cells.shape, self.domain.cells.shape[1]))
+            for name in ("compliance", "laplacian", "transport")
+        }
         resistance, rate = np.empty((2, self.domain.n_cells))
         for chunk, elements, fields in chunks:
             h = self.domain.h[chunk]
@@ -50,7 +53,7 @@ class PressureOperators:
             rate[chunk] = c_f + (speed + elements.mu / (density * self._extent)) / self._extent
         self._add_surface(values["laplacian"], resistance, alpha / rate)
         for name, of_elements in values.items():
-            self._matrix.assemble(of_elements)
+            self._matrix.assemble(of_elements[:, :, None, :, None])
             self._operators[name] = self._matrix.mat.copy(self._operators.get(name))
         self.preconditioner.replace(**self._operators, diagonal=diagonal)
 

@@ -9,7 +9,7 @@ from ..fem.boundary import Dirichlet, InterfaceMass
 from ..fem.domain import Domain
 from ..fem.transfer import InterfaceTransfer
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
-from ..linalg.matrix import CooMatrix
+from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from ..materials.elastic import ElasticLaw
 from ..stopwatch import Stopwatch
@@ -38,19 +38,14 @@ class PhaseSetup:
         """Return whether a material has solid and fluid."""
         return any(0 < material.n_s0 < 1 for material in self.materials.values())
 
-    def element_view(self, matrix, components):
-        """Return the element buffer of a matrix of `new_matrix` as (E, A, m, A, m)."""
-        return matrix.values.reshape(self.domain.n_cells, *(2 * (self.domain.cells.shape[1], components)))
-
     def new_matrix(self, prefix, components, mask):
-        """Return the empty matrix of a nodal field with m components, prescribed where mask (n_local, m) is true."""
-        domain, cells = self.domain, self.domain.cells
-        dofs = (domain.numbering[cells][..., None] * components + np.arange(components)).reshape(
-            len(cells), components * cells.shape[1]
-        )
-        owned = np.repeat(cells < domain.n_owned, components, axis=1)
-        constrained = mask[cells].reshape(dofs.shape)
-        return CooMatrix(domain.mesh.comm, len(domain.nodes) * components, dofs, owned, constrained, components, prefix)
+        """Return the empty `ElementMatrix` of a nodal field with m components, prescribed where mask (n_local, m) is true."""
+        domain = self.domain
+        return ElementMatrix(domain.mesh.comm, domain.cells, domain.numbering, len(domain.nodes), mask, prefix)
+
+    def new_tangents(self, components):
+        """Return element matrices (E, A, m, A, m) of m components, all zero."""
+        return np.zeros((self.domain.n_cells, *(2 * (self.domain.cells.shape[1], components))))
 
     def on(self, domain):
         """Return the same setup on another domain of the mesh."""

@@ -249,23 +249,23 @@ class SolidPhase:
             return
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.mask)
-        values = self._setup.element_view(self._matrix, self.mesh.dim)
-        for chunk, K in self._element_tangents(u, configuration, rates, self._setup.split, values):
+        self._matrix.clear()
+        for chunk, K in self._element_tangents(u, configuration, rates, self._setup.split):
             if self._setup.robin is not None:
                 self._setup.robin.add_to(K, self.robin_coefficient * rates.c_v, chunk, self.mesh.dim)
-        self._matrix.assemble()
+            self._matrix.add(chunk, K)
+        self._matrix.finish()
         self.assemblies += 1
         if self._solver is None:
             self._solver = self._setup.new_solver(self._matrix)
         self._solver.refactor()
 
-    def _element_tangents(self, u, configuration, rates, split, values=None):
-        """Yield (chunk, tangent (E, A, d, A, d)) of a split at u (n_local, d); with `values` of all elements, a view of them."""
+    def _element_tangents(self, u, configuration, rates, split):
+        """Yield (chunk, tangent (E, A, d, A, d)) of a split at u (n_local, d)."""
         domain, nodal = self.domain, self.domain.gather(u)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
-            view = None if values is None else values[chunk]
-            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, nodal[chunk], view)
+            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, nodal[chunk])
             weights = self._inertia_weights(material, configuration, chunk, rates, split)
             if weights is not None:
                 add_isotropic(K, mass_matrix(domain.mass.N, weights), self.mesh.dim)
