@@ -165,7 +165,7 @@ def work(case_name, unknowns, steps, changes, folder, holders):
 
 
 def _repeat(coupling, rates):
-    """Return name -> least (wall, CPU) time of new tangents, values only, and of residuals, at the accepted state (collective)."""
+    """Return name -> least (wall, CPU) time of new tangents (values only) and of residuals at the accepted state (collective)."""
     coupling.reset()
     fluid, solid, comm = coupling.fluid, coupling.solid, coupling.solid.mesh.comm
     actions = {
@@ -264,7 +264,7 @@ def print_holders(thing, unknowns, rank):
     seen, found = set(), {}
 
     def visit(value, path, depth):
-        if id(value) in seen or depth > 9:
+        if id(value) in seen or depth > 40:
             return
         seen.add(id(value))
         if isinstance(value, np.ndarray):

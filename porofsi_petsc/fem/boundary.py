@@ -93,7 +93,7 @@ class OpenBoundary:
         self._mesh = mesh
 
     def add_to(self, loads, displacement, v, c):
-        """Add the residual's traction to a field (n_owned, d); displacement of the mesh (n_local, d), v, c on elements."""
+        """Add the residual's traction to a field (n_owned, d); displacement of the mesh, v and c (n_local, d)."""
         here = slice(None)
         vectors = backflow_residual(*self._data(here, displacement), *self._traces(here, v, c))
         owned = self._nodes < self._mesh.n_owned
@@ -114,8 +114,8 @@ class OpenBoundary:
         return self._rule.N, normal, self._rho[here], self._beta
 
     def _traces(self, here, *fields):
-        """Return element values (E, A, d) on the nodes of some facets, (F, A, d) each."""
-        return [field[self._rows[here, None], self._local[here]] for field in fields]
+        """Return nodal values (n_local, d) on the nodes of some facets, (F, A, d) each."""
+        return [field[self._nodes[here]] for field in fields]
 
 
 # Penalty of Nitsche's method over the bound of the trace inequality, w² <= (k + 1)(k + d)/d A/V ∫w² on a simplex of order k

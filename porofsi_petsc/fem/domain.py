@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse
 
+from ..compiled import plain, specialized
 from ..errors import ConvergenceError
-from .geometry import Rule, SecondDerivatives, element_size, geometry
+from .geometry import Geometry, Rule, SecondDerivatives, element_size, geometry
 
 CHUNK_BYTES = 2_000_000  # element matrices of one chunk; about the size of a core's second-level cache
 
@@ -40,7 +40,6 @@ class Domain:
         order = self.element.order
         self.stiffness = Rule.of(self.element, max(2 * (order - 1), 1))
         self.mass = Rule.of(self.element, 2 * order)
-        self._scatter = self._incidence()
 
     def _number_nodes(self):
         """Set the nodes of the domain and their numbers (collective)."""
@@ -55,26 +54,25 @@ class Domain:
         self.numbering = mesh.halo.extend(number)[:, 0]
         self.holds = self.numbering >= 0
 
-    def _incidence(self):
-        """Return the (n_owned, E A) matrix that adds element vectors to the rows of owned nodes."""
-        nodes = self.cells.ravel()
-        columns = np.flatnonzero(nodes < self.n_owned)
-        data = np.ones(len(columns))
-        return scipy.sparse.csr_matrix((data, (nodes[columns], columns)), shape=(self.n_owned, nodes.size))
-
     @property
     def n_cells(self):
         """Return the number of local elements."""
         return len(self.cells)
 
-    def gather(self, field):
-        """Return the nodal values of every element, (E, A, ...), of a field (n_local, ...)."""
-        return np.take(field, self.cells, axis=0)
+    def gather(self, field, rows=slice(None)):
+        """Return the nodal values of some elements, (E, A, ...), of a field (n_local, ...)."""
+        return np.take(field, self.cells[rows], axis=0)
 
     def scatter_add(self, element_vectors):
         """Return the sum of element vectors (E, A, k) or (E, A) over the owned nodes, (n_owned, k)."""
-        components = 1 if element_vectors.ndim == 2 else element_vectors.shape[2]
-        return self._scatter @ element_vectors.reshape(self.n_cells * self.cells.shape[1], components)
+        nodal = np.zeros((self.n_owned, 1 if element_vectors.ndim == 2 else element_vectors.shape[2]))
+        self.add(nodal, slice(None), element_vectors)
+        return nodal
+
+    def add(self, nodal, rows, element_vectors):
+        """Add the vectors (E, A, k) or (E, A) of some elements to a field of the owned nodes, (n_owned, k), in place."""
+        A, k = self.cells.shape[1], nodal.shape[1]
+        _add_loop(A, k)(np.ascontiguousarray(self.cells[rows]), plain(element_vectors).reshape(-1, A, k), nodal)
 
     def chunks(self, doubles_per_cell):
         """Yield (region name, slice): runs of elements of one region whose work arrays stay in cache."""
@@ -90,7 +88,10 @@ class Domain:
 
     @cached_property
     def reference_stiffness(self):
-        """Return the stiffness-rule geometry of the reference configuration."""
+        """Return the stiffness-rule geometry of the reference configuration; affine elements have one gradient for both rules."""
+        if self.element.order == 1:
+            volume = self.reference.dV.sum(axis=1, keepdims=True) / self.mass.weights.sum()
+            return Geometry(self.reference.G, volume * self.stiffness.weights)
         return geometry(self.stiffness, self.mesh.X[self.cells])
 
     @cached_property
@@ -117,6 +118,21 @@ class Domain:
         return self.mesh.comm.allreduce(float(cell_values[self.owned].sum()))
 
 
+@specialized
+def _add_loop(A, k):
+    """Return the loop that adds element vectors (E, A, k) to the rows of a field (n_owned, k), element after element."""
+
+    def loop(cells, vectors, nodal):
+        for e in range(len(cells)):
+            for a in range(A):
+                row = cells[e, a]
+                if row < len(nodal):
+                    for i in range(k):
+                        nodal[row, i] += vectors[e, a, i]
+
+    return loop
+
+
 @dataclass(frozen=True)
 class Configuration:
     """The elements in one configuration of the mesh.
@@ -128,6 +144,15 @@ class Configuration:
     geometry: object
     J: np.ndarray
     second: SecondDerivatives | None
+
+    @classmethod
+    def reference(cls, domain, with_hessian=False):
+        """Return the reference configuration, which shares the geometry of the domain."""
+        second = None
+        if with_hessian and domain.element.order > 1:
+            coordinates = domain.gather(domain.mesh.X)
+            second = SecondDerivatives.at(domain.element, coordinates, domain.reference, domain.reference_slope)
+        return cls(domain.reference, np.broadcast_to(1.0, domain.reference.dV.shape), second)
 
     @classmethod
     def at(cls, domain, positions, with_hessian=False):

@@ -28,12 +28,12 @@ def lsic_viscosity(N, rho, c, h):
 STATIC_PART = 0.3
 
 
-def undrained_tau(E_c, size, inertia, moved):
-    """Return τ_u = α² Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, Q, d, d) [m⁴/N]: compliance at grid scale.
+def grid_compliance(E_c, size, inertia):
+    """Return Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, d, d) [m⁴/N]; times α² it is τ_u.
 
     size : (E, d, d) [m²] with eigenvalues h_i² along e_i, see `fem.geometry.element_size_tensor`; inertia = c_a ρ [kg/(m³ s²)],
-    ρ = ρ_s + ρ_f; moved = α (E, Q), the part of the pressure gradient that moves the skeleton
+    ρ = ρ_s + ρ_f; α is the part of the pressure gradient that moves the skeleton
     """
     h2, e = np.linalg.eigh(size)
     compliance = np.maximum(1 / (4 * E_c / h2 + inertia), STATIC_PART * h2 / (4 * E_c))
-    return moved[..., None, None] ** 2 * ((e * compliance[:, None, :]) @ np.swapaxes(e, 1, 2))[:, None]
+    return (e * compliance[:, None, :]) @ np.swapaxes(e, 1, 2)

@@ -3,11 +3,13 @@
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, longitudinal_modulus
 from ..stopwatch import timed
+from .flow_fields import NodalFlow
 from .loads import body_acceleration
 from .parameters import StabilizationParameters
 from .pressure_operators import PressureOperators
@@ -80,9 +82,8 @@ class FluidPhase:
             load.add_to(self._traction, t_alpha)
         for load in self._setup.fluxes:
             load.add_to(self._flux, t_alpha)
-        shape = (self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim)
         b = self._setup.body_force
-        self._b = body_acceleration(self.domain, b, t_alpha) if b else np.broadcast_to(0.0, shape)
+        self._b = body_acceleration(self.domain, b, t_alpha) if b else self._no_body
         self._parameters.update(self.scheme.dt, rates, skeleton, self.v)
         if self._setup.porous:
             self._weigh_drag(skeleton)
@@ -147,17 +148,16 @@ class FluidPhase:
         """
         if self._setup.porous:
             return {}
-        domain, v = self.domain, self._level(self.v, self._v1)
-        speed, relative = (_largest(domain.gather(field)) for field in (v, v - skeleton.mesh_velocity))
-        rate, force = np.empty(domain.n_cells), np.empty(domain.n_cells)
-        for region, span in domain.region_slices.items():
-            material, geometry = self._setup.materials[region], skeleton.configuration.geometry
-            g = np.linalg.norm(geometry.G[span], axis=-1).sum(axis=2).max(axis=1, initial=0.0)
-            flux = geometry.dV[span].sum(axis=1) * speed[span] / domain.cells.shape[1]
-            rate[span] = flux * g
-            convective = relative[span] * g if self._setup.convection else 0.0
-            force[span] = flux * (material.rho_fR * (rates.c_f + convective) + material.viscosity * g**2)
-        nodal = np.column_stack([self._nodal_sum(force), self._nodal_sum(rate)])
+        domain, v, nodal = self.domain, self._level(self.v, self._v1), np.zeros((self.mesh.n_owned, 2))
+        speed, relative = (np.linalg.norm(field, axis=-1) for field in (v, v - skeleton.mesh_velocity))
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material, geometry = self._setup.materials[region], skeleton.configuration.geometry.part(chunk)
+            g = np.linalg.norm(geometry.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
+            flux = geometry.dV.sum(axis=1) * domain.gather(speed, chunk).max(axis=1) / domain.cells.shape[1]
+            convective = domain.gather(relative, chunk).max(axis=1) * g if self._setup.convection else 0.0
+            force = flux * (material.rho_fR * (rates.c_f + convective) + material.viscosity * g**2)
+            both = np.column_stack([force, flux * g])[:, None]
+            domain.add(nodal, chunk, np.broadcast_to(both, (len(both), domain.cells.shape[1], 2)))
         squares = self.mesh.comm.allreduce((nodal**2).sum(axis=0))
         return dict(zip(("fluid momentum", "volume"), np.sqrt(squares).tolist(), strict=True))
 
@@ -188,11 +188,12 @@ class FluidPhase:
         """Return the `Residual`s of momentum [N] and of the volume balance [m³/s] of the trial state on the skeleton."""
         domain = self.domain
         fields = self._trial_fields(skeleton)
-        terms = np.empty((*fields.p.shape, kernel.term_columns(domain.dim)))
+        nodal = np.zeros((domain.n_owned, kernel.term_columns(domain.dim)))
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            kernel.flow_residual(elements, _part(fields, chunk), terms[chunk])
-        momentum, volume = kernel.split_terms(np.asfortranarray(domain.scatter_add(terms)), domain.dim)
+            elements, terms = self._elements(region, chunk, skeleton.configuration), self._element_terms(chunk)
+            kernel.flow_residual(elements, fields.on(chunk), terms)
+            domain.add(nodal, chunk, terms)
+        momentum, volume = kernel.split_terms(np.asfortranarray(nodal), domain.dim)
         momentum_terms = dict(zip(kernel.MOMENTUM_TERMS, momentum, strict=True))
         volume_terms = dict(zip(kernel.VOLUME_TERMS, volume[..., None], strict=True))
         momentum_terms["traction"], volume_terms["flux"] = -self._traction, self._flux
@@ -201,6 +202,10 @@ class FluidPhase:
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self._setup.velocity_free)
         return self._momentum, Residual(comm, volume_terms, self._setup.pressure.free)
+
+    def _element_terms(self, chunk):
+        """Return room for the terms of the residual of some elements, (E, A, `kernel.term_columns`)."""
+        return np.empty((chunk.stop - chunk.start, self.domain.cells.shape[1], kernel.term_columns(self.domain.dim)))
 
     def boundary_force(self, momentum):
         """Return the force of a free fluid on what bounds it, (n_owned, d) [N]: minus the residual without given tractions.
@@ -216,7 +221,7 @@ class FluidPhase:
         force = np.zeros((domain.n_local, domain.dim))
         for region, rows in self._beside_interface.items():
             elements = self._elements(region, rows, skeleton.configuration)
-            momentum, _ = kernel.flow_residual(elements, self._trial_fields(skeleton, rows))
+            momentum, _ = kernel.flow_residual(elements, self._trial_fields(skeleton).on(rows))
             np.subtract.at(force, domain.cells[rows], momentum.sum(axis=0))
         return np.where(self._setup.no_slip[:, None], force, 0.0)[: domain.n_owned]
 
@@ -236,19 +241,15 @@ class FluidPhase:
             return np.zeros_like(self.v)
         return self.a + self.scheme.alpha_m * (self._a1 - self.a)
 
-    def _trial_fields(self, skeleton, rows=slice(None)):
-        level = self._level
-        return self._fields(skeleton, level(self.v, self._v1), self._acceleration(), self._p1, self._b[rows], rows)
+    def _trial_fields(self, skeleton):
+        return self._fields(skeleton, self._level(self.v, self._v1), self._acceleration(), self._p1, self._b)
 
-    def _fields(self, skeleton, v, a, p, b, rows=slice(None)):
-        """Return the values of nodal fields, and b (E, Q, d), on some rows of the elements, all by default."""
-        cells = self.domain.cells[rows]
+    def _fields(self, skeleton, v, a, p, b):
+        return NodalFlow(self.domain, v, a, v - skeleton.mesh_velocity, skeleton.velocity, p, p - self._p0, b)
 
-        def gather(field):
-            return np.take(field, cells, axis=0)
-
-        c = gather(v - skeleton.mesh_velocity)
-        return kernel.FlowFields(gather(v), gather(a), c, gather(skeleton.velocity), gather(p), gather(p - self._p0), b)
+    @property
+    def _no_body(self):
+        return np.broadcast_to(0.0, (self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim))
 
     # -- coefficients -----------------------------------------------------------------------------------------------------
 
@@ -270,7 +271,7 @@ class FluidPhase:
             tau=setup.pspg * stabilization.tau[chunk],
             tau_supg=setup.supg * stabilization.tau[chunk],
             nu_lsic=stabilization.nu_lsic[chunk],
-            tau_u=None if material.is_free_fluid else stabilization.tau_u[chunk],
+            tau_u=None if material.is_free_fluid else stabilization.undrained(chunk),
             second=second,
             grad_n=grad_n,
             convection=setup.convection,
@@ -285,7 +286,7 @@ class FluidPhase:
         if self._rule.due(rates, iterations):
             point = {"v": self.v, "a": self.a, "p": self.p, "skeleton_u": skeleton.displacement, "skeleton_v": skeleton.velocity}
             self._rule.store(rates, point)
-            self._assemble(skeleton, rates, self._fields(skeleton, self.v, self.a, self.p, 0 * self._b))
+            self._assemble(skeleton, rates, self._fields(skeleton, self.v, self.a, self.p, self._no_body))
 
     def renew_tangent(self, rates, skeleton):
         """Assemble the tangent at the trial state (full Newton)."""
@@ -358,10 +359,11 @@ class FluidPhase:
 
     def _assemble_pressure(self, skeleton, rates, fields):
         """Make the operators that precondition the pressure at the state of the tangent."""
-        speed = max(self.mesh.comm.allgather(float(_largest(fields.c).max(initial=0.0))))
+        speed = np.linalg.norm(fields.c[self.domain.holds], axis=-1).max(initial=0.0)
+        speed = self.mesh.comm.allreduce(float(speed), MPI.MAX)
         diagonal = self._matrix.mat.getDiagonal().getArray()[self.mesh.dim :: self.components]
         chunks = (
-            (chunk, self._elements(region, chunk, skeleton.configuration), _part(fields, chunk))
+            (chunk, self._elements(region, chunk, skeleton.configuration), fields.on(chunk))
             for region, chunk in self.domain.chunks(self._doubles_per_cell)
         )
         self._pressure.assemble(chunks, rates.c_f, speed, self.robin_coefficient, diagonal)
@@ -369,7 +371,7 @@ class FluidPhase:
     def _element_tangents(self, skeleton, rates, fields, split, components):
         """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields, for m unknowns per node."""
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements, part = self._elements(region, chunk, skeleton.configuration), _part(fields, chunk)
+            elements, part = self._elements(region, chunk, skeleton.configuration), fields.on(chunk)
             K = kernel.flow_tangent(elements, part, rates.c_f, components)
             if split == "corrected":
                 self._add_skeleton_answer(K, elements, self._setup.materials[region], skeleton, rates, chunk)
@@ -386,7 +388,7 @@ class FluidPhase:
         fields, moving = self._trial_fields(skeleton), skeleton.moving_mesh
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
-            yield chunk, exchange.flow_by_skeleton(elements, _part(fields, chunk), rates.c_v, moving)
+            yield chunk, exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
 
     def drag_tangents(self, rates, skeleton):
         """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by the skeleton it flows through)."""
@@ -394,13 +396,13 @@ class FluidPhase:
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             if self._setup.materials[region].drag0:
                 elements = self._elements(region, chunk, skeleton.configuration)
-                yield chunk, exchange.flow_by_drag(elements, _part(fields, chunk), rates.c_v)
+                yield chunk, exchange.flow_by_drag(elements, fields.on(chunk), rates.c_v)
 
     def mesh_tangents(self, rates, skeleton):
         """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by its mesh) of the trial state."""
         fields = self._trial_fields(skeleton)
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements, part = self._elements(region, chunk, skeleton.configuration), _part(fields, chunk)
+            elements, part = self._elements(region, chunk, skeleton.configuration), fields.on(chunk)
             yield chunk, shape.flow_by_geometry(elements, part, None) + exchange.flow_by_mesh_velocity(elements, part, rates.c_v)
 
     def shape_tangents(self, skeleton):
@@ -410,7 +412,7 @@ class FluidPhase:
             elements = self._elements(region, chunk, skeleton.configuration)
             J = skeleton.configuration.J[chunk]
             derivatives = shape.VolumeDerivatives(*self._setup.materials[region].volume_derivatives(J))
-            yield chunk, shape.flow_by_geometry(elements, _part(fields, chunk), derivatives)
+            yield chunk, shape.flow_by_geometry(elements, fields.on(chunk), derivatives)
 
     def dragged_fraction(self, skeleton, rates):
         """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a node's elements (collective)."""
@@ -427,7 +429,7 @@ class FluidPhase:
         chi = rates.dragged_fraction(elements.S, elements.rho)
         alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
         inertia = rates.moving_inertia(elements.S, material.rho_s, elements.rho) if self._setup.has_auxiliary else 1.0
-        H = displacement_gradient(self.domain.reference.G[chunk], self.domain.gather(skeleton.displacement)[chunk])
+        H = displacement_gradient(self.domain.reference.G[chunk], self.domain.gather(skeleton.displacement, chunk))
         modulus = longitudinal_modulus(material.elastic, H)
         kernel.add_skeleton_answer(values, elements, alpha2_cv / modulus, alpha2_cv / inertia)
         if self._setup.has_auxiliary:
@@ -495,8 +497,7 @@ class FluidPhase:
         skeleton = skeleton_at(point.get("skeleton_u", zero), point.get("skeleton_v", zero))
         v, a, p = (point.get(name, getattr(self, name)) for name in ("v", "a", "p"))
         self._parameters.update(scheme.dt, rates, skeleton, v)
-        no_body = np.zeros((self.domain.n_cells, len(self.domain.mass.weights), self.mesh.dim))
-        self._assemble(skeleton, rates, self._fields(skeleton, v, a, p, no_body))
+        self._assemble(skeleton, rates, self._fields(skeleton, v, a, p, self._no_body))
 
     # -- measures ---------------------------------------------------------------------------------------------------------
 
@@ -504,21 +505,11 @@ class FluidPhase:
         """Return ∫ ρ_f |v_f|²/2 of the accepted state [J] (collective)."""
         if not self._setup.inertia:
             return 0.0
-        domain, v = self.domain, self.domain.gather(self.v)
+        domain = self.domain
         kinetic = np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, J = self._setup.materials[region], skeleton.configuration.J[chunk]
             rho = material.fluid_fraction(J) * material.rho_fR
-            speed2 = ((domain.mass.N @ v[chunk]) ** 2).sum(axis=-1)
+            speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
             kinetic[chunk] = 0.5 * (rho * speed2 * skeleton.configuration.geometry.dV[chunk]).sum(axis=1)
         return domain.sum_owned(kinetic)
-
-
-def _largest(nodal):
-    """Return the largest length of the nodal vectors of every element, (E,), of (E, A, d)."""
-    return np.linalg.norm(nodal, axis=-1).max(axis=1, initial=0.0)
-
-
-def _part(fields, chunk):
-    """Return the fields of a slice of the elements."""
-    return type(fields)(**{name: value[chunk] for name, value in vars(fields).items()})

@@ -9,12 +9,14 @@ from ..kernels import stabilization
 class StabilizationParameters:
     """τ, ν_L (E, Q) and c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of a step.
 
+    τ_u is kept as the squared part α² of the pressure gradient at the points, (E, Q), and the rest, (E, d, d).
     They are kept over steps where nothing in them changes: neither convection nor a moving mesh, and the same step size.
     """
 
     def __init__(self, setup):
         """Take a `phases.setup.FluidSetup`."""
         self._setup, self._made_for = setup, None
+        self.tau = self.nu_lsic = self._moved2 = self._compliance = None
 
     def update(self, dt, rates, skeleton, v):
         """Evaluate for a step of size dt from velocity v (n_local, d) on the accepted skeleton."""
@@ -23,15 +25,21 @@ class StabilizationParameters:
             return
         self._made_for = rates
         shape = (domain.n_cells, len(domain.mass.weights))
-        self.tau, self.nu_lsic, self.tau_u = np.empty(shape), np.zeros(shape), np.empty((*shape, domain.dim, domain.dim))
-        c = domain.gather(v - skeleton.mesh_velocity)
+        if self.tau is None:
+            self.tau, self.nu_lsic, self._moved2 = np.empty(shape), np.zeros(shape), np.empty(shape)
+            self._compliance = np.empty((domain.n_cells, domain.dim, domain.dim))
+        c = v - skeleton.mesh_velocity
         positions = domain.mesh.X + skeleton.displacement if setup.moving_mesh else domain.mesh.X
-        vertices = positions[domain.cells[:, : domain.dim + 1]]
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
             configuration, material = skeleton.configuration, setup.materials[region]
-            self._momentum(chunk, material, configuration.J[chunk], configuration.geometry.G[chunk], c[chunk], dt)
+            self._momentum(chunk, material, configuration.J[chunk], configuration.geometry.G[chunk], domain.gather(c, chunk), dt)
             if not material.is_free_fluid:
-                self._undrained(chunk, material, configuration.J[chunk], rates, vertices)
+                vertices = positions[domain.cells[chunk, : domain.dim + 1]]
+                self._set_undrained(chunk, material, configuration.J[chunk], rates, vertices)
+
+    def undrained(self, chunk):
+        """Return c_v τ_u of some elements, (E, Q, d, d) [m³ s/kg]."""
+        return self._moved2[chunk][..., None, None] * self._compliance[chunk][:, None]
 
     def _momentum(self, chunk, material, J, G, c, dt):
         setup, N, h = self._setup, self._setup.domain.mass.N, self._setup.domain.h[chunk]
@@ -44,11 +52,12 @@ class StabilizationParameters:
         if setup.convection and setup.lsic and not material.variable_porosity:  # LSIC knows no w·∇n_f
             self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
 
-    def _undrained(self, chunk, material, J, rates, vertices):
+    def _set_undrained(self, chunk, material, J, rates, vertices):
         """Set c_v τ_u; where the fluid is free it has PSPG."""
-        size = element_size_tensor(vertices[chunk], self._setup.domain.h[chunk])
+        size = element_size_tensor(vertices, self._setup.domain.h[chunk])
         inertia = rates.c_a * (material.rho_s + (1 - material.n_s0) * material.rho_fR)
         n = material.fluid_fraction(J)
         chi = rates.dragged_fraction(material.drag(J), n * material.rho_fR)
-        tau = stabilization.undrained_tau(material.elastic.oedometer_modulus, size, inertia, 1 - n + chi * n)
-        self.tau_u[chunk] = self._setup.undrained * rates.c_v * tau
+        compliance = stabilization.grid_compliance(material.elastic.oedometer_modulus, size, inertia)
+        self._compliance[chunk] = self._setup.undrained * rates.c_v * compliance
+        self._moved2[chunk] = (1 - n + chi * n) ** 2

@@ -38,7 +38,7 @@ class SolidPhase:
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = self._configuration = self._own = self._accepted_configuration = None
-        self._reference = Configuration.at(self.domain, self.mesh.X, setup.with_hessian)
+        self._reference = Configuration.reference(self.domain, setup.with_hessian)
         self.assemblies, self.robin_coefficient = 0, 0.0  # α of a Robin condition [Pa s/m]
 
     @property
@@ -130,19 +130,17 @@ class SolidPhase:
     def _own_terms(self):
         """Return the terms that depend on the skeleton alone; kept until its trial state changes."""
         if self._own is None:
-            domain, setup = self.domain, self._setup
-            u = domain.gather(self._u_alpha)
-            elements = {"stress": np.empty(u.shape)}
-            if setup.inertia:
-                acceleration = domain.gather(self.scheme.acceleration_level(self.a, self._a1))
-                elements["inertia"] = np.empty(u.shape)
+            domain, setup, u = self.domain, self._setup, self._u_alpha
+            terms = {name: np.zeros(self.unknowns.shape) for name in ("stress", "inertia")[: 1 + setup.inertia]}
+            acceleration = self.scheme.acceleration_level(self.a, self._a1) if setup.inertia else None
             for region, chunk in domain.chunks(self._doubles_per_cell):
                 material, stiffness = setup.materials[region], domain.reference_stiffness.part(chunk)
-                elements["stress"][chunk] = kernel.stress_residual(stiffness.G, stiffness.dV, material.elastic, u[chunk])
+                stress = kernel.stress_residual(stiffness.G, stiffness.dV, material.elastic, domain.gather(u, chunk))
+                domain.add(terms["stress"], chunk, stress)
                 if setup.inertia:
-                    dV = domain.reference.dV[chunk]
-                    elements["inertia"][chunk] = kernel.inertia_residual(domain.mass.N, dV, material.rho_s, acceleration[chunk])
-            self._own = {name: domain.scatter_add(vectors) for name, vectors in elements.items()}
+                    N, dV, a = domain.mass.N, domain.reference.dV[chunk], domain.gather(acceleration, chunk)
+                    domain.add(terms["inertia"], chunk, kernel.inertia_residual(N, dV, material.rho_s, a))
+            self._own = terms
         return self._own
 
     def _flow_terms(self, flow):
@@ -150,15 +148,17 @@ class SolidPhase:
         if not self._setup.porous:
             return {"interface": -flow.force}
         domain, configuration = self.domain, self.skeleton().configuration
-        p, w = domain.gather(flow.pressure), domain.gather(flow.velocity - self.velocity)
-        pressure, drag = np.empty(w.shape), np.empty(w.shape)
+        relative = flow.velocity - self.velocity
+        terms = {name: np.zeros(self.unknowns.shape) for name in ("pressure", "drag")}
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, current = self._setup.materials[region], configuration.geometry.part(chunk)
-            J = configuration.J[chunk]
-            pressure[chunk], drag[chunk] = kernel.coupling_residual(domain.mass.N, current, material, J, p[chunk], w[chunk])
+            p, w = domain.gather(flow.pressure, chunk), domain.gather(relative, chunk)
+            vectors = kernel.coupling_residual(domain.mass.N, current, material, configuration.J[chunk], p, w)
+            for nodal, of_elements in zip(terms.values(), vectors, strict=True):
+                domain.add(nodal, chunk, of_elements)
         if self._setup.immersed:
-            return {"drag": domain.scatter_add(drag), "interface": -flow.force}
-        return {"pressure": domain.scatter_add(pressure), "drag": domain.scatter_add(drag)}
+            return {"drag": terms["drag"], "interface": -flow.force}
+        return terms
 
     @property
     def _doubles_per_cell(self):
@@ -169,32 +169,35 @@ class SolidPhase:
         if not self._setup.body_force:
             return np.zeros((self.mesh.n_owned, self.mesh.dim))
         domain = self.domain
-        b = body_acceleration(domain, self._setup.body_force, t)
-        vectors = np.empty((domain.n_cells, domain.cells.shape[1], self.mesh.dim))
+        b, nodal = body_acceleration(domain, self._setup.body_force, t), np.zeros((self.mesh.n_owned, self.mesh.dim))
         for region, chunk in domain.chunks(self._doubles_per_cell):
             rho_s = self._setup.materials[region].rho_s
-            vectors[chunk] = kernel.body_residual(domain.mass.N, domain.reference.dV[chunk], rho_s, b[chunk])
-        return domain.scatter_add(vectors)
+            domain.add(nodal, chunk, kernel.body_residual(domain.mass.N, domain.reference.dV[chunk], rho_s, b[chunk]))
+        return nodal
 
     def cancelling(self):
         """Return field -> norm of what cancels inside the stress of a body that turns (collective); its round-off remains.
 
         TURN V E_c g² max |u - ū| of an element of volume V and mean displacement ū, g = Σ_a |∇N_a|, in equal parts to its nodes.
         """
-        domain, nodal = self.domain, self.domain.gather(self._u_alpha)
-        stretch = np.linalg.norm(nodal - nodal.mean(axis=1, keepdims=True), axis=-1).max(axis=1, initial=0.0)
-        force = TURN * self._turning_stiffness * stretch / domain.cells.shape[1]
-        summed = domain.scatter_add(np.broadcast_to(force[:, None], domain.cells.shape))
+        domain, u = self.domain, self._u_alpha
+        summed = np.zeros((self.mesh.n_owned, 1))
+        for _, chunk in domain.chunks(self._doubles_per_cell):
+            nodal = domain.gather(u, chunk)
+            stretch = np.linalg.norm(nodal - nodal.mean(axis=1, keepdims=True), axis=-1).max(axis=1, initial=0.0)
+            force = TURN * self._turning_stiffness[chunk] * stretch / nodal.shape[1]
+            domain.add(summed, chunk, np.broadcast_to(force[:, None], nodal.shape[:2]))
         return {"solid momentum": float(np.sqrt(self.mesh.comm.allreduce(np.vdot(summed, summed))))}
 
     @cached_property
     def _turning_stiffness(self):
         """Return V E_c g² of the elements, (E,) [N/m]."""
-        stiffness, modulus = self.domain.reference_stiffness, np.empty(self.domain.n_cells)
-        for region, span in self.domain.region_slices.items():
-            modulus[span] = self._setup.materials[region].elastic.oedometer_modulus
-        g = np.linalg.norm(stiffness.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
-        return stiffness.dV.sum(axis=1) * modulus * g**2
+        domain, values = self.domain, np.empty(self.domain.n_cells)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            stiffness, modulus = domain.reference_stiffness.part(chunk), self._setup.materials[region].elastic.oedometer_modulus
+            g = np.linalg.norm(stiffness.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
+            values[chunk] = stiffness.dV.sum(axis=1) * modulus * g**2
+        return values
 
     def require_upright(self):
         """Raise ConvergenceError where an element is inverted at the end of the trial step under a law for large strain."""
@@ -262,10 +265,10 @@ class SolidPhase:
 
     def _element_tangents(self, u, configuration, rates, split):
         """Yield (chunk, tangent (E, A, d, A, d)) of a split at u (n_local, d)."""
-        domain, nodal = self.domain, self.domain.gather(u)
+        domain = self.domain
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
-            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, nodal[chunk])
+            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, domain.gather(u, chunk))
             weights = self._inertia_weights(material, configuration, chunk, rates, split)
             if weights is not None:
                 add_isotropic(K, mass_matrix(domain.mass.N, weights), self.mesh.dim)
@@ -374,11 +377,10 @@ class SolidPhase:
     def energies(self):
         """Return kinetic and elastic energy of the accepted state [J] (collective)."""
         domain = self.domain
-        u, v = domain.gather(self.u), domain.gather(self.v)
         kinetic, elastic = np.zeros(domain.n_cells), np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
-            elastic[chunk] = kernel.stored_energy(stiffness.G, stiffness.dV, material.elastic, u[chunk])
-            speed2 = ((domain.mass.N @ v[chunk]) ** 2).sum(axis=-1)
+            elastic[chunk] = kernel.stored_energy(stiffness.G, stiffness.dV, material.elastic, domain.gather(self.u, chunk))
+            speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
             kinetic[chunk] = 0.5 * material.rho_s * (speed2 * domain.reference.dV[chunk]).sum(axis=1)
         return domain.sum_owned(kinetic) if self._setup.inertia else 0.0, domain.sum_owned(elastic)
