@@ -1,6 +1,7 @@
 """Fluid-structure interaction over an interface: the medium, and its partitioned and monolithic iterations."""
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -121,13 +122,14 @@ class _Sweep(PartitionedMedium):
     = 0.  An infinite α is a Dirichlet, a vanishing one a Neumann condition.  Between two sweeps v_f takes the value of v_s, so
     that the residuals that end the step are those of the monolithic system whatever the conditions are.
 
-    The accelerated vector is (n_owned, d); its inner product counts the interface alone, of which all else is a function.
+    The accelerated vector is the displacement of the solid's nodes; its inner product counts the interface alone, of which all
+    else is a function.
     """
 
     def __init__(self, *medium, conditions):
         """Take what `PartitionedMedium` takes and the `coupling.robin.Conditions`."""
         super().__init__(*medium)
-        self._conditions = conditions
+        self._conditions, self._rows = conditions, self.solid.domain.nodes
         self._both = bool(self.solid.domain.n_nodes and self.fluid.domain.n_nodes)
 
     def _begin(self, t, rates, accepted):
@@ -136,16 +138,42 @@ class _Sweep(PartitionedMedium):
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         self._renew_tangents(iteration, rates)
-        before = self.solid.unknowns.copy()
+        before = self.solid.unknowns[self._rows]
         self.fluid.correct(fluid_residuals, solid_residual.unconstrained - solid_residual.terms["interface"])
         extra = self._conditions.pull(self.fluid, self.solid)
         solid_residual = self.solid.residual(self._with_force(self.fluid.interface_force(self.carrier())))
         self.solid.correct(solid_residual.total + extra)
         if self._sees == "trial" and self._both:
-            self.solid.unknowns = self._accelerator.next(before, self.solid.unknowns.copy())
+            after = self.solid.unknowns.copy()
+            after[self._rows] = self._accelerator.next(before, after[self._rows])
+            self.solid.unknowns = after
+
+    @cached_property
+    def _of_interface(self):
+        """Return which rows of an accelerated vector belong to the interface."""
+        return np.flatnonzero(self._on_solid[self._rows])
 
     def _dot(self, a, b):
-        return self.dot(a * self._on_solid, b)
+        return self.dot(a[self._of_interface], b[self._of_interface])
+
+    def state(self):
+        """Return the arrays a restart needs, name -> (n_owned, ...)."""
+        arrays = super().state()
+        for name in filter(_accelerated, arrays):
+            whole = np.zeros_like(self.solid.unknowns)
+            whole[self._rows] = arrays[name]
+            arrays[name] = whole
+        return arrays
+
+    def load_state(self, arrays, memory, schemes, rates):
+        """Continue from `state` and `memory`; schemes and rates are those of the next step."""
+        rows = {name: array[self._rows] for name, array in arrays.items() if _accelerated(name)}
+        super().load_state(arrays | rows, memory, schemes, rates)
+
+
+def _accelerated(name):
+    """Return whether an array of a state is a vector of the accelerator."""
+    return name.startswith("accelerator.")
 
 
 class InterfaceCoupling(InterfaceMedium, _Sweep):

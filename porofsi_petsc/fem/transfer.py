@@ -41,7 +41,8 @@ class InterfaceTransfer:
         Raises InputError where the sides of a pair are apart.
         """
         self.fluid_nodes, self.solid_nodes, self._parts = shared.copy(), shared.copy(), []
-        taken = np.concatenate(mesh.comm.allgather(mesh.natural[: mesh.n_owned][shared[: mesh.n_owned]]))
+        if pairs:
+            taken = np.concatenate(mesh.comm.allgather(mesh.natural[: mesh.n_owned][shared[: mesh.n_owned]]))
         for pair in pairs:
             part = _Part(mesh, pair, taken)
             taken = np.concatenate([taken, part.fluid.natural])

@@ -362,10 +362,11 @@ class FluidPhase:
         speed = np.linalg.norm(fields.c[self.domain.holds], axis=-1).max(initial=0.0)
         speed = self.mesh.comm.allreduce(float(speed), MPI.MAX)
         diagonal = self._matrix.mat.getDiagonal().getArray()[self.mesh.dim :: self.components]
-        chunks = (
-            (chunk, self._elements(region, chunk, skeleton.configuration), fields.on(chunk))
-            for region, chunk in self.domain.chunks(self._doubles_per_cell)
-        )
+
+        def chunks():
+            for region, chunk in self.domain.chunks(self._doubles_per_cell):
+                yield chunk, self._elements(region, chunk, skeleton.configuration), fields.on(chunk)
+
         self._pressure.assemble(chunks, rates.c_f, speed, self.robin_coefficient, diagonal)
 
     def _element_tangents(self, skeleton, rates, fields, split, components):

@@ -144,32 +144,31 @@ class MeshMotion:
 
     def _forces(self, u, change):
         """Return the nodal forces of the law at u and what a change of u adds to first order, (n_owned, d)."""
-        law, nodal, moved = self._setup.law, self.domain.gather(u), self.domain.gather(change)
-        vectors = np.empty(nodal.shape)
+        domain, law, moves = self.domain, self._setup.law, change.any()
+        forces = np.zeros((self.mesh.n_owned, self.mesh.dim))
         for chunk, G, dV in self._stiffened():
-            if law.small_strain:
-                vectors[chunk] = kernel.stress_residual(G, dV, law, nodal[chunk] + moved[chunk])
-                continue
-            vectors[chunk] = kernel.stress_residual(G, dV, law, nodal[chunk])
-            if change.any():
-                K = kernel.stress_tangent(G, dV, law, nodal[chunk])
-                vectors[chunk] += np.einsum("eaibj,ebj->eai", K, moved[chunk])
-        return self.domain.scatter_add(vectors)
+            nodal, moved = domain.gather(u, chunk), domain.gather(change, chunk)
+            vectors = kernel.stress_residual(G, dV, law, nodal + moved if law.small_strain else nodal)
+            if moves and not law.small_strain:
+                vectors += np.einsum("eaibj,ebj->eai", kernel.stress_tangent(G, dV, law, nodal), moved)
+            domain.add(forces, chunk, vectors)
+        return forces
 
     def tangents(self):
-        """Yield (chunk, tangent (E, A, d, A, d)) of the law in the trial state."""
-        nodal = self.domain.gather(self._u1)
+        """Return an iterator over (chunk, tangent (E, A, d, A, d)) of the law in the trial state."""
+        return self._tangents(self._u1)
+
+    def _tangents(self, u):
         for chunk, G, dV in self._stiffened():
-            yield chunk, kernel.stress_tangent(G, dV, self._setup.law, nodal[chunk])
+            yield chunk, kernel.stress_tangent(G, dV, self._setup.law, self.domain.gather(u, chunk))
 
     def _assemble(self, u):
         setup = self._setup
         if self._matrix is None:
             self._matrix = setup.new_matrix(self.prefix, self.mesh.dim, setup.mask)
-        nodal = self.domain.gather(u)
         self._matrix.clear()
-        for chunk, G, dV in self._stiffened():
-            self._matrix.add(chunk, kernel.stress_tangent(G, dV, setup.law, nodal[chunk]))
+        for chunk, K in self._tangents(u):
+            self._matrix.add(chunk, K)
         self._matrix.finish()
         self.assemblies, self._stale = self.assemblies + 1, False
         if self.solver is None:
@@ -193,10 +192,10 @@ class MeshMotion:
 
     def _watch(self, configuration, positions):
         """Take the worst elements of a configuration with nodal positions (n_local, d) into account (collective)."""
-        domain = self._fluid_domain
-        shape = shape_quality(positions[domain.cells[:, : domain.dim + 1]])
-        everyone = self.mesh.comm.allgather((float(configuration.J.min(initial=1.0)), float(shape.min(initial=1.0))))
-        ratios, shapes = zip(*everyone, strict=True)
+        domain, worst = self._fluid_domain, 1.0
+        for _, chunk in domain.chunks(domain.cells.shape[1] * domain.dim):
+            worst = min(worst, float(shape_quality(positions[domain.cells[chunk, : domain.dim + 1]]).min()))
+        ratios, shapes = zip(*self.mesh.comm.allgather((float(configuration.J.min(initial=1.0)), worst)), strict=True)
         self.smallest_ratio, self.worst_shape = min(self.smallest_ratio, *ratios), min(self.worst_shape, *shapes)
 
     def reset(self):

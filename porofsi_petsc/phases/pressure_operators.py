@@ -33,32 +33,35 @@ class PressureOperators:
     def assemble(self, chunks, c_f, speed, alpha, diagonal):
         """Make the operators of a tangent and give them to the preconditioner (collective).
 
-        chunks : (slice, `FlowElements`, `FlowFields`) of all elements; c_f = da/dv [1/s]; speed : largest |c| [m/s];
-        alpha : α of a Robin condition [Pa s/m]; diagonal : of the pressure's block of the tangent, (owned rows,)
+        chunks : function that yields (slice, `FlowElements`, `FlowFields`) of all elements, once for each operator;
+        c_f = da/dv [1/s]; speed : largest |c| [m/s]; alpha : α of a Robin condition [Pa s/m];
+        diagonal : of the pressure's block of the tangent, (owned rows,)
         """
         if self._matrix is None:
             self._matrix = self._setup.new_matrix("pressure_", 1, np.zeros((self.domain.n_local, 1), dtype=bool))
-        values = {
-            name: np.empty((*self.domain.cells.shape, self.domain.cells.shape[1]))
-            for name in ("compliance", "laplacian", "transport")
-        }
-        resistance, rate = np.empty((2, self.domain.n_cells))
-        for chunk, elements, fields in chunks:
-            h = self.domain.h[chunk]
-            values["compliance"][chunk] = kernel.pressure_compliance(elements, h)
-            values["laplacian"][chunk] = kernel.pressure_laplacian(elements)
-            values["transport"][chunk] = kernel.pressure_transport(elements, fields, c_f, h)
-            density = elements.rho.mean(axis=1)
-            resistance[chunk] = density * h / LAYER
-            rate[chunk] = c_f + (speed + elements.mu / (density * self._extent)) / self._extent
-        self._add_surface(values["laplacian"], resistance, alpha / rate)
-        for name, of_elements in values.items():
-            self._matrix.assemble(of_elements[:, :, None, :, None])
-            self._operators[name] = self._matrix.mat.copy(self._operators.get(name))
+        h = self.domain.h
+        self._set("compliance", ((chunk, kernel.pressure_compliance(el, h[chunk])) for chunk, el, _ in chunks()))
+        self._set("laplacian", self._laplacians(chunks(), c_f, speed, alpha))
+        self._set("transport", ((chunk, kernel.pressure_transport(el, f, c_f, h[chunk])) for chunk, el, f in chunks()))
         self.preconditioner.replace(**self._operators, diagonal=diagonal)
 
-    def _add_surface(self, laplacian, resistance, alpha):
-        """Add ∮ q p/(α + ρ h/γ) to L, both resistances (E,) over the rate of the flow [kg/m²]: they act in series."""
-        rows = self._rows
-        total = resistance[rows] + np.where(self._on_interface, alpha[rows], 0.0)
-        np.add.at(laplacian, rows, self._surface / total[:, None, None])
+    def _set(self, name, element_matrices):
+        """Make one operator of (slice, (E, A, A)) of all elements (collective)."""
+        self._matrix.clear()
+        for chunk, values in element_matrices:
+            self._matrix.add(chunk, values[:, :, None, :, None])
+        self._matrix.finish()
+        self._operators[name] = self._matrix.mat.copy(self._operators.get(name))
+
+    def _laplacians(self, chunks, c_f, speed, alpha):
+        """Yield (slice, L (E, A, A)) with ∮ q p/(α + ρ h/γ), both resistances over the rate of the flow [kg/m²], in series."""
+        for chunk, elements, _ in chunks:
+            values = kernel.pressure_laplacian(elements)
+            density = elements.rho.mean(axis=1)
+            rate = c_f + (speed + elements.mu / (density * self._extent)) / self._extent
+            here = np.flatnonzero((self._rows >= chunk.start) & (self._rows < chunk.stop))
+            rows = self._rows[here] - chunk.start
+            resistance = (density * self.domain.h[chunk])[rows] / LAYER
+            total = resistance + np.where(self._on_interface[here], alpha / rate[rows], 0.0)
+            np.add.at(values, rows, self._surface[here] / total[:, None, None])
+            yield chunk, values

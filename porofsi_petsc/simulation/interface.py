@@ -191,7 +191,7 @@ class _Builder:
         given += [(tag, i, lambda t, x: 0.0) for tag in sorted(fixed) for i in range(self.mesh.dim)]
         poisson = section.poisson
         return MeshSetup(
-            domain=Domain(self.mesh, self._free),
+            domain=Domain(self.mesh, self._free) if self._pores else self._fluid_domain,
             materials=self._free,
             body_force={},
             inertia=False,
