@@ -7,8 +7,9 @@ Every run is a fresh mpirun.  Without --unknowns the whole study of the case: si
 and four, 25 000 unknowns per rank on one to eight, and a run of fifty steps with 1e5.  Runs that the CSV has are not done again.
 With --unknowns (and --ranks, --steps, --set) those runs alone, printed and not written.
 
-Unknowns are displacement, velocity and pressure; auxiliary fields do not count.  A run takes S steps (2) after its start with the
-scene's own options: first (all matrices made) and later ones (the mean), without what is written.  CPU: the largest of the ranks.
+Unknowns are displacement (of a free fluid's mesh too), velocity and pressure; auxiliary fields do not count.  A run takes S steps
+(2) after its start with the scene's own options: first (all matrices made) and later ones (the mean), without what is written.
+CPU: the largest of the ranks.
 Memory: largest resident size of every rank since it started (raw) and without that of Python with its imports.
 Share: start, partition and what is written at the scene's intervals in a run of fifty steps, from the measured times.
 Triad: a = b + c over arrays of 32 MB on all ranks at once.
@@ -63,7 +64,18 @@ def block(unknowns):
     return (f"mesh.x.cells=[{fine},{n - fine}]", f"mesh.y.cells=[{fine},{n - fine}]", f"mesh.z.cells=[{n}]")
 
 
-CASES = {"porous": Case("pulse3d", block, fields_every=5, checkpoint_every=25)}
+def channel(unknowns):
+    """Return the cells of a channel of 2n x n x n with a block of n/4 x n/2 x n/2, 7 unknowns to a node of the fluid."""
+    n = max(round((unknowns / 14) ** (1 / 3) - 0.83), 4)
+    half, quarter = round(n / 2), round(n / 4)
+    cells = (half, quarter, 2 * n - half - quarter), (quarter, n - 2 * quarter, quarter), (half, n - half)
+    return tuple(f"mesh.{axis}.cells={list(numbers)}" for axis, numbers in zip("xyz", cells, strict=True))
+
+
+CASES = {
+    "porous": Case("pulse3d", block, fields_every=5, checkpoint_every=25),
+    "fsi": Case(str(ROOT / "tests" / "scenes" / "block_in_channel3d.toml"), channel, fields_every=5, checkpoint_every=25),
+}
 
 
 # -- one run, on every rank -------------------------------------------------------------------------------------------------
@@ -200,7 +212,7 @@ def _triad(comm):
 def _record(mesh, coupling, loop, everyone, triad, case):
     """Return the columns of a run from the measurements of all ranks."""
     meters, times, _ = zip(*everyone, strict=True)
-    unknowns = mesh.n_global * (2 * mesh.dim + 1)
+    unknowns = _unknowns(coupling)
     base = sum(meter.peak["start"] for meter in meters)
     started = [meter.resident["build"] - meter.resident["start"] for meter in meters]
     start_peak = [meter.peak["build"] - meter.peak["start"] for meter in meters]
@@ -252,6 +264,12 @@ def _record(mesh, coupling, loop, everyone, triad, case):
         "raw_bytes_per_unknown": peak / unknowns,
         "triad_gb_s": triad / 1e9,
     }
+
+
+def _unknowns(coupling):
+    """Return the number of displacements, of the mesh of a free fluid too, velocities and pressures."""
+    blocks = {name: block.domain for name, block in coupling.blocks.items() if name in ("solid", "fluid", "mesh")}
+    return sum(domain.n_nodes * (domain.dim + (name == "fluid")) for name, domain in blocks.items())
 
 
 def _counts(iterations):
