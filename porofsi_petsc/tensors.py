@@ -33,6 +33,17 @@ def invert(d, F, inverse):
     return determinant
 
 
+@inlined
+def determinant_minus_one(d, H):
+    """Return det(I + H) - 1 of a tensor (d, d): tr H + second invariant (+ det H in 3-D), which keeps the digits of a small H."""
+    trace, second = 0.0, 0.0
+    for i in range(d):
+        trace += H[i, i]
+        for j in range(i):
+            second += H[i, i] * H[j, j] - H[i, j] * H[j, i]
+    return trace + (second + (_determinant(d, H) if d == 3 else 0.0))
+
+
 @specialized
 def _det_loop(d):
     def loop(F, determinant):
@@ -46,12 +57,7 @@ def _det_loop(d):
 def _det_minus_one_loop(d):
     def loop(H, result):
         for p in range(len(H)):
-            trace, second = 0.0, 0.0
-            for i in range(d):
-                trace += H[p, i, i]
-                for j in range(i):
-                    second += H[p, i, i] * H[p, j, j] - H[p, i, j] * H[p, j, i]
-            result[p] = trace + (second + (_determinant(d, H[p]) if d == 3 else 0.0))
+            result[p] = determinant_minus_one(d, H[p])
 
     return loop
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..compiled import plain, specialized
-from ..tensors import det_minus_one, inverse, scaled_identity, stacked, trace, transpose
+from ..compiled import inlined, plain, specialized, stack
+from ..tensors import det_minus_one, determinant_minus_one, invert, scaled_identity, stacked, trace, transpose
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,8 @@ class SaintVenantKirchhoff(ElasticLaw):
 
 @specialized
 def _kirchhoff_stress_loop(d):
+    """Return the loop that writes P_iJ = F_iM S_MJ, (n, d, d), at n points."""
+
     def loop(H, S, P):
         for p in range(len(H)):
             for i in range(d):
@@ -109,6 +111,8 @@ def _kirchhoff_stress_loop(d):
 
 @specialized
 def _kirchhoff_tangent_loop(d):
+    """Return the loop that writes delta_ik S_JL + lam F_iJ F_kL + mu (F_iL F_kJ + (F F^T)_ik delta_JL), (n, d, d, d, d)."""
+
     def loop(H, S, lam, mu, A):
         for p in range(len(H)):
             for i in range(d):
@@ -141,30 +145,60 @@ class _CompressibleNeoHookean(ElasticLaw):
 
     def stress(self, H):
         """Return P = mu (F - F^-T) + J U' F^-T = F^-T (2 mu E + J U' I), (..., d, d)."""
-        Finv, _ = inverse(deformation(H))
-        pull, P = plain(self._volumetric(det_minus_one(H))[1]), np.empty(H.shape)
-        loop = _compressible_stress_loop(H.shape[-1])
-        loop(stacked(Finv), stacked(green_strain(H)), pull.reshape(-1), float(self.mu), stacked(P))
+        Finv, J_1 = _kinematics(H)
+        P, pull = np.empty(H.shape), plain(self._volumetric(J_1)[1])
+        _compressible_stress_loop(H.shape[-1])(stacked(H), Finv, pull, float(self.mu), stacked(P))
         return P
 
     def tangent(self, H):
         """Return dP_iJ/dF_kL = mu d_ik d_JL + J (J U')' Finv_Ji Finv_Lk + (mu - J U') Finv_Jk Finv_Li, (..., d, d, d, d)."""
         A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
-        Finv, _ = inverse(deformation(H))
-        _, first, second = (plain(x).reshape(-1) for x in self._volumetric(det_minus_one(H)))
-        _compressible_tangent_loop(d)(stacked(Finv), first, second, float(self.mu), A.reshape(-1, d, d, d, d))
+        Finv, J_1 = _kinematics(H)
+        _, first, second = self._volumetric(J_1)
+        _compressible_tangent_loop(d)(Finv, plain(first), plain(second), float(self.mu), A.reshape(-1, d, d, d, d))
         return A
+
+
+def _kinematics(H):
+    """Return F^-1, (n, d, d), and J - 1, (n,), of all n points of H (..., d, d)."""
+    tensors = stacked(H)
+    Finv, J_1 = np.empty(tensors.shape), np.empty(len(tensors))
+    _kinematics_loop(H.shape[-1])(tensors, Finv, J_1)
+    return Finv, J_1
+
+
+@specialized
+def _kinematics_loop(d):
+    """Return the loop that writes (I + H)^-1, (n, d, d), and det(I + H) - 1, (n,), at n points."""
+
+    def loop(H, Finv, J_1):
+        F = stack((d, d))
+        for p in range(len(H)):
+            for i in range(d):
+                for J in range(d):
+                    F[i, J] = H[p, i, J] + (i == J)
+            invert(d, F, Finv[p])
+            J_1[p] = determinant_minus_one(d, H[p])
+
+    return loop
 
 
 @specialized
 def _compressible_stress_loop(d):
-    def loop(Finv, E, pull, mu, P):
+    """Return the loop that writes P_iJ = Finv_Ki (2 mu E_KJ + pull delta_KJ), (n, d, d), with pull = J U' (n,)."""
+
+    def loop(H, Finv, pull, mu, P):
+        S = stack((d, d))
         for p in range(len(P)):
+            for K in range(d):
+                for J in range(d):
+                    S[K, J] = 2 * mu * _green(d, H[p], K, J)
+                S[K, K] += pull[p]
             for i in range(d):
                 for J in range(d):
-                    total = Finv[p, J, i] * pull[p]
+                    total = 0.0
                     for K in range(d):
-                        total += 2 * mu * Finv[p, K, i] * E[p, K, J]
+                        total += Finv[p, K, i] * S[K, J]
                     P[p, i, J] = total
 
     return loop
@@ -172,6 +206,8 @@ def _compressible_stress_loop(d):
 
 @specialized
 def _compressible_tangent_loop(d):
+    """Return the loop that writes mu d_ik d_JL + second Finv_Ji Finv_Lk + (mu - first) Finv_Jk Finv_Li, (n, d, d, d, d)."""
+
     def loop(Finv, first, second, mu, A):
         for p in range(len(A)):
             for i in range(d):
@@ -230,20 +266,7 @@ class EhlersEipper(_CompressibleNeoHookean):
 
 def deformation(H):
     """Return F = I + H."""
-    F = np.empty(H.shape)
-    _deformation_loop(H.shape[-1])(stacked(H), stacked(F))
-    return F
-
-
-@specialized
-def _deformation_loop(d):
-    def loop(H, F):
-        for p in range(len(H)):
-            for i in range(d):
-                for J in range(d):
-                    F[p, i, J] = H[p, i, J] + (i == J)
-
-    return loop
+    return H + np.eye(H.shape[-1])
 
 
 def _small_strain(H):
@@ -257,16 +280,24 @@ def green_strain(H):
     return E
 
 
+@inlined
+def _green(d, H, K, J):
+    """Return E_KJ of a tensor H (d, d)."""
+    total = H[K, J] + H[J, K]
+    for i in range(d):
+        total += H[i, K] * H[i, J]
+    return 0.5 * total
+
+
 @specialized
 def _green_strain_loop(d):
+    """Return the loop that writes E, (n, d, d), at n points."""
+
     def loop(H, E):
         for p in range(len(H)):
             for K in range(d):
                 for J in range(d):
-                    total = H[p, K, J] + H[p, J, K]
-                    for i in range(d):
-                        total += H[p, i, K] * H[p, i, J]
-                    E[p, K, J] = 0.5 * total
+                    E[p, K, J] = _green(d, H[p], K, J)
 
     return loop
 
