@@ -37,6 +37,7 @@ import numpy as np
 from ..compiled import plain
 from . import flow_loops
 from .assemble import laplacian, mass_matrix
+from .flow_loops import FlowFields
 
 MOMENTUM_TERMS = ("inertia", "pressure", "drag", "body", "viscous", "stabilization")
 VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
@@ -68,22 +69,6 @@ class FlowElements:
     convection: bool
     order: int
     free: bool = False
-
-
-@dataclass(frozen=True)
-class FlowFields:
-    """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E, A); b (E, Q, d).
-
-    v_s is not read for a free fluid without drag, dp not without the undrained term.
-    """
-
-    v: np.ndarray
-    a: np.ndarray
-    c: np.ndarray
-    v_s: np.ndarray
-    p: np.ndarray
-    dp: np.ndarray
-    b: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -163,10 +148,9 @@ def _arguments(el, f):
         convection=bool(el.convection), drag=drag, undrained=undrained, curved=curved, graded=graded,
         free=bool(el.free),
     )  # fmt: skip
-    fields = flow_loops.Fields(
-        plain(f.v), plain(f.a), plain(f.c) if el.convection else np.empty((0, 0, 0)),
-        plain(f.v_s) if drag or not el.free else np.empty((0, 0, 0)), plain(f.p), plain(f.dp) if undrained else none, plain(f.b),
-    )  # fmt: skip
+    unread = np.empty((0, 0, 0))
+    c, v_s = f.c if el.convection else unread, f.v_s if drag or not el.free else unread
+    fields = FlowFields(*map(plain, f._replace(c=c, v_s=v_s, dp=f.dp if undrained else none)))
     return G.shape[2:], elements, fields
 
 

@@ -43,8 +43,11 @@ class Elements(NamedTuple):
     free: bool
 
 
-class Fields(NamedTuple):
-    """`flow.FlowFields` for a compiled loop; one that is not read is empty."""
+class FlowFields(NamedTuple):
+    """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E, A); b (E, Q, d).
+
+    v_s is not read for a free fluid without drag, c not without convection, dp not without the undrained term.
+    """
 
     v: np.ndarray
     a: np.ndarray
@@ -99,6 +102,7 @@ def set_point(A, d, el, f, e, q, x):
             acceleration += el.N[q, a] * f.a[e, a, i]
             grad_p += x.g[a, i] * f.p[e, a]
         x.acceleration[i], x.grad_p[i] = el.rho[e, q] * acceleration, grad_p
+    x.c[:] = 0.0
     if el.convection:
         _add_convection(A, d, el, f, e, q, x)
     for i in range(d):
@@ -371,16 +375,19 @@ def _set_derivatives(A, d, el, e, q, c_f, x, D):
         if el.curved:
             _subtract_viscous_tangent(d, el, e, q, b, x)
         for i in range(d):
-            grad = n * x.g[b, i]
+            grad, thrown = n * x.g[b, i], viscous * x.g[b, i] + supg * x.residual[i] * N
             for j in range(d):
                 carried = supg * x.c[j]
                 for k in range(d):
-                    D[1 + j, i, b, k] = carried * x.strong[i, k]
+                    value = carried * x.strong[i, k]
+                    if i == k:
+                        value += viscous * x.g[b, j]
+                    if j == k:
+                        value += thrown
+                    if i == j:
+                        value += lsic * x.g[b, k]
+                    D[1 + j, i, b, k] = value
                 D[1 + j, i, b, d] = carried * grad
-            for j in range(d):
-                D[1 + j, i, b, i] += viscous * x.g[b, j]
-                D[1 + j, i, b, j] += viscous * x.g[b, i] + supg * x.residual[i] * N
-                D[1 + i, i, b, j] += lsic * x.g[b, j]
                 D[1 + i, d, b, j] = pspg * x.strong[i, j]
             D[1 + i, d, b, d] = pspg * grad
             if el.free:
