@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..compiled import specialized
+
 
 def momentum_tau(transient, drag, viscous, convective):
     """Return τ = [(2ρ/Δt)² + S² + (4 n μ/h²)² + (ρ Σ_a |c·∇N_a|)²]^(-1/2), (E, Q) [m³ s/kg].
@@ -37,3 +39,26 @@ def grid_compliance(E_c, size, inertia):
     h2, e = np.linalg.eigh(size)
     compliance = np.maximum(1 / (4 * E_c / h2 + inertia), STATIC_PART * h2 / (4 * E_c))
     return (e * compliance[:, None, :]) @ np.swapaxes(e, 1, 2)
+
+
+def undrained_tau(compliance, moved):
+    """Return τ_u = α² times the compliance (E, d, d) of `grid_compliance` at the points, (E, Q, d, d); moved = α (E, Q)."""
+    E, Q = moved.shape
+    tau = np.empty((E, Q, *compliance.shape[1:]))
+    _undrained_loop(compliance.shape[-1])(compliance, moved, tau)
+    return tau
+
+
+@specialized
+def _undrained_loop(d):
+    """Return the loop of `undrained_tau`."""
+
+    def loop(compliance, moved, tau):
+        for e in range(tau.shape[0]):
+            for q in range(tau.shape[1]):
+                factor = moved[e, q] * moved[e, q]
+                for i in range(d):
+                    for j in range(d):
+                        tau[e, q, i, j] = factor * compliance[e, i, j]
+
+    return loop

@@ -9,14 +9,14 @@ from ..kernels import stabilization
 class StabilizationParameters:
     """τ, ν_L (E, Q) and c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of a step.
 
-    τ_u is kept as the squared part α² of the pressure gradient at the points, (E, Q), and the rest, (E, d, d).
+    τ_u is kept as α at the points, (E, Q), and the compliance at grid scale, (E, d, d).
     They are kept over steps where nothing in them changes: neither convection nor a moving mesh, and the same step size.
     """
 
     def __init__(self, setup):
         """Take a `phases.setup.FluidSetup`."""
         self._setup, self._made_for = setup, None
-        self.tau = self.nu_lsic = self._moved2 = self._compliance = None
+        self.tau = self.nu_lsic = self._moved = self._compliance = None
 
     def update(self, dt, rates, skeleton, v):
         """Evaluate for a step of size dt from velocity v (n_local, d) on the accepted skeleton."""
@@ -26,7 +26,7 @@ class StabilizationParameters:
         self._made_for = rates
         shape = (domain.n_cells, len(domain.mass.weights))
         if self.tau is None:
-            self.tau, self.nu_lsic, self._moved2 = np.empty(shape), np.zeros(shape), np.empty(shape)
+            self.tau, self.nu_lsic, self._moved = np.empty(shape), np.zeros(shape), np.empty(shape)
             self._compliance = np.empty((domain.n_cells, domain.dim, domain.dim))
         c = v - skeleton.mesh_velocity
         positions = domain.mesh.X + skeleton.displacement if setup.moving_mesh else domain.mesh.X
@@ -39,7 +39,7 @@ class StabilizationParameters:
 
     def undrained(self, chunk):
         """Return c_v τ_u of some elements, (E, Q, d, d) [m³ s/kg]."""
-        return self._moved2[chunk][..., None, None] * self._compliance[chunk][:, None]
+        return stabilization.undrained_tau(self._compliance[chunk], self._moved[chunk])
 
     def _momentum(self, chunk, material, J, G, c, dt):
         setup, N, h = self._setup, self._setup.domain.mass.N, self._setup.domain.h[chunk]
@@ -60,4 +60,4 @@ class StabilizationParameters:
         chi = rates.dragged_fraction(material.drag(J), n * material.rho_fR)
         compliance = stabilization.grid_compliance(material.elastic.oedometer_modulus, size, inertia)
         self._compliance[chunk] = self._setup.undrained * rates.c_v * compliance
-        self._moved2[chunk] = (1 - n + chi * n) ** 2
+        self._moved[chunk] = 1 - n + chi * n
