@@ -4,7 +4,6 @@ The nominal stress P = dΨ/dJ of F = diag(1, 1, J), in tension positive [Pa]; λ
 """
 
 import numpy as np
-from scipy.optimize import brentq
 
 UNIAXIAL = {
     "linear_elastic": lambda J, lam, mu, n_s0: (lam + 2 * mu) * (J - 1),
@@ -25,4 +24,6 @@ def confined_ratio(law, load, lam, mu, n_s0):
     """
     stress = UNIAXIAL[law]
     lowest = LOWEST.get(law, n_s0 if law == "ehlers_eipper" else 0.0) + MARGIN
+    from scipy.optimize import brentq  # slow to import, and few scenes have this reference
+
     return brentq(lambda J: stress(J, lam, mu, n_s0) + load, lowest, 1.0, xtol=1e-15, rtol=1e-14)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import brentq
 
 from .series import LARGEST_EXPONENT, SMALLEST_TIME, on_distinct
 
@@ -40,6 +39,8 @@ class Mandel:
 
         poles = np.pi * (np.arange(MODES) + 0.5)
         lower = np.append(1e-3, poles[1:] - np.pi / 2)  # sin > 0 there and cos > 0, so that the sign changes up to the pole
+        from scipy.optimize import brentq  # slow to import, and few scenes have this reference
+
         return np.array([brentq(equation, low, high, xtol=1e-14) for low, high in zip(lower, poles, strict=True)])
 
     def _decay(self, t):

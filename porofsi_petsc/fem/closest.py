@@ -3,7 +3,6 @@
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..elements.simplex import FACET
 from ..tensors import inverse
@@ -43,6 +42,8 @@ def _candidates(X, points, reach):
     The closest node bounds the distance; a facet reaches no farther from its centroid than its radius.
     """
     centroids, radius = X.mean(axis=1), (1 + ROUND_OFF) * reach * facet_sizes(X) / 2
+    from scipy.spatial import cKDTree  # slow to import; matching meshes need none
+
     bound, _ = cKDTree(X.reshape(-1, X.shape[2])).query(points)
     lists = cKDTree(centroids).query_ball_point(points, bound + radius.max(), return_sorted=True)
     point = np.repeat(np.arange(len(points)), [len(facets) for facets in lists])

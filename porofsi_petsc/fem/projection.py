@@ -6,7 +6,6 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
-from scipy.spatial import cKDTree
 
 from ..elements.quadrature import subdivided
 from ..elements.simplex import FACET
@@ -98,6 +97,8 @@ def _tests(facets, face, rim, points):
         inner = np.unique(facets[here][~at_rim[here]])
         if len(inner):
             mine = here[:, None] & at_rim
+            from scipy.spatial import cKDTree  # slow to import; matching meshes need none
+
             tests[mine] = inner[cKDTree(points[inner]).query(points[facets[mine]])[1]]
     return tests
 

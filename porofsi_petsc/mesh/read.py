@@ -4,7 +4,6 @@ import contextlib
 import io
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from ..errors import InputError
@@ -44,6 +43,8 @@ def read_mesh(path, dim):
 
 def _read_quietly(path):
     """Return meshio's mesh; meshio prints and exits on a file it cannot read, and its readers raise nearly anything."""
+    import meshio  # slow to import, and most scenes make their mesh themselves
+
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             return meshio.read(path)
