@@ -78,6 +78,12 @@ class Convergence:
         return len(self.history) > WARM_UP and errors[-1] > SLOW**2 * errors[0]
 
     @property
+    def contraction(self):
+        """Return the residual over that of the iteration before, 1 on the first of a step."""
+        errors = [max(errors.values()) for errors in self.history[-2:]]
+        return errors[1] / errors[0] if len(errors) == 2 else 1.0
+
+    @property
     def falling(self):
         """Return whether the residuals of the step have fallen at all, to a tenth of the forces at least."""
         return min(max(errors.values()) for errors in self.history) < 0.1

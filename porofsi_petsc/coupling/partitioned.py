@@ -2,6 +2,7 @@
 
 import itertools
 
+from ..phases.tangent import Travel
 from .medium import Medium
 
 PATIENCE = 2  # sweeps between two renewals of lagged tangents within a step
@@ -16,27 +17,32 @@ class PartitionedMedium(Medium):
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, accelerator, full_newton):
         """Take the medium, an accelerator made with an inner product, and whether tangents are new in every sweep or lagged."""
         super().__init__(solid, fluid, comm, tolerance, max_iterations)
-        self._accelerator, self._full_newton = accelerator(self._dot), full_newton
+        self._accelerator, self._travel = accelerator(self._dot), Travel(solid, fluid, comm) if full_newton else None
         self._linear = solid.is_linear and fluid.is_linear
 
     def _begin(self, t, rates, accepted):
         self._accelerator.begin_step()
         self._renewed_at = 0
-        if not self._full_newton:
+        if self._travel:
+            self._travel.begin_step()
+        else:
             self.fluid.prepare_tangent(rates, self.iterations, accepted)
             self.solid.prepare_tangent(rates, self.iterations)
 
     def _renew_tangents(self, iteration, rates):
-        """Renew both tangents at the trial state: in every sweep of full Newton, else where lagged ones are slow or far away.
+        """Renew both tangents at the trial state: by full Newton where it has moved, else where lagged ones are slow or far away.
 
         Return whether lagged ones were renewed, which makes the sweep another map.
         """
-        worn = not (self._linear or self._full_newton) and (self.fluid.strayed(self.carrier()) or self._slow(iteration))
-        if self._full_newton or worn:
+        if self._travel:
+            worn = self._travel.worn(rates, self.convergence.contraction)
+        else:
+            worn = not self._linear and (self.fluid.strayed(self.carrier()) or self._slow(iteration))
+        if worn:
             self.fluid.renew_tangent(rates, self.carrier())
             self.solid.renew_tangent(rates)
             self._renewed_at = iteration
-        return worn
+        return worn and not self._travel
 
     def _slow(self, iteration):
         return iteration - self._renewed_at >= PATIENCE and self.convergence.slow
@@ -47,6 +53,8 @@ class PartitionedMedium(Medium):
         """Forget the trial states and what the accelerator has learnt, and ask for new tangents."""
         super().reset()
         self._accelerator.restart()
+        if self._travel:
+            self._travel.forget()
 
     def state(self):
         """Return the arrays a restart needs, name -> (n_owned, ...), with the vectors that the accelerator reuses."""

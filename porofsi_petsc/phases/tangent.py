@@ -1,8 +1,11 @@
-"""When a lagged tangent is renewed, and what a restart needs to make the same one again."""
+"""When tangents are renewed, and what a restart needs to make the same lagged ones again."""
+
+import numpy as np
 
 from .transfer import Rates
 
 WEAR_FACTOR, WEAR_OFFSET = 1.5, 2
+WORN, TIRED = 0.03, 0.5  # relative change of the state, and contraction, after which full Newton renews tangents
 
 
 class TangentRule:
@@ -53,3 +56,44 @@ class TangentRule:
         named = {name.removeprefix("tangent_"): array for name, array in arrays.items() if name.startswith("tangent_")}
         self._point = {name: mesh.halo.extend(owned) for name, owned in named.items()}
         return self._point
+
+
+class Travel:
+    """Say when the sweeps of full Newton want new tangents: where the trial state has moved since, or they are slow.
+
+    Moved is a change of v_f or u by more than 3 %, to which the error of a tangent is proportional; slow is an iteration that
+    leaves more than half of the residual: a slender beam stiffens by a fraction of a per cent of its bending.
+    Every step starts with new ones, so that a restart needs none.  A linear problem renews them with the rates alone.
+    """
+
+    def __init__(self, solid, fluid, comm):
+        """Take the phases, whose trial states it looks at."""
+        self._solid, self._fluid, self._comm = solid, fluid, comm
+        self._linear = solid.is_linear and fluid.is_linear
+        self._rates = self._start = None
+
+    def begin_step(self):
+        """Forget the state of the last step's tangents."""
+        if not self._linear:
+            self._start = None
+
+    def forget(self):
+        """Ask for new tangents."""
+        self._start = None
+
+    def worn(self, rates, contraction):
+        """Return whether the tangents are to be made anew at the trial state, as which it is then remembered (collective).
+
+        contraction : residual over that of the iteration before, 1 on the first
+        """
+        state = self._solid.unknowns, self._fluid.unknowns[:, : self._solid.mesh.dim]
+        worn = self._start is None or rates != self._rates
+        if not (worn or self._linear):
+            worn = contraction > TIRED or self._moved(state)
+        if worn:
+            self._rates, self._start = rates, tuple(field.copy() for field in state)
+        return worn
+
+    def _moved(self, state):
+        squares = [[np.vdot(a - b, a - b), np.vdot(a, a)] for a, b in zip(state, self._start, strict=True)]
+        return any(change > WORN**2 * size for change, size in self._comm.allreduce(np.array(squares)))
