@@ -10,12 +10,16 @@ With --unknowns (and --ranks, --steps, --set) those runs alone, printed and not 
 Unknowns are displacement (of a free fluid's mesh too), velocity and pressure; auxiliary fields do not count.  A run takes S steps
 (2) after its start with the scene's own options: first (all matrices made) and later ones (the mean), without what is written.
 CPU: the largest of the ranks.
-Memory: largest resident size of every rank since it started (raw) and without that of Python with its imports.
-Share: start, partition and what is written at the scene's intervals in a run of fifty steps, from the measured times.
+Assembly and residual: both phases again at the end, values only, the least of three.
+Memory: largest resident size of every rank since it started (raw) and without that of Python with its imports; after the start
+what is held, free memory given back to the system.
+Share of fifty steps: mesh, partition, fields, checkpoints at the scene's intervals; from the measured times, and measured where
+fifty steps are run.
 Triad: a = b + c over arrays of 32 MB on all ranks at once.
 """
 
 import argparse
+import ctypes
 import gc
 import json
 import os
@@ -54,7 +58,13 @@ class Case:
     overrides: object
     fields_every: int
     checkpoint_every: int
-    fixed: tuple = field(default=("figures={}", "expect=[]", "output={ fields_every = 1000000 }"))
+    fixed: tuple = field(default=("figures={}", "expect=[]"))
+
+    def output(self, steps):
+        """Return the key of what a run writes on its way: the first and the last state, a long one what it would."""
+        if steps < LONG_STEPS:
+            return f"output={{ fields_every = {steps} }}"
+        return f"output={{ fields_every = {self.fields_every}, checkpoint_every = {self.checkpoint_every} }}"
 
 
 def block(unknowns):
@@ -90,11 +100,12 @@ class Meter:
         self.note("start")
 
     def note(self, name):
-        """Record present and largest resident memory [bytes]."""
+        """Record largest and present resident memory [bytes], the latter after free memory was given back."""
+        self.peak[name] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         gc.collect()
+        _give_back()
         pages = int(Path("/proc/self/statm").read_text().split()[1])
         self.resident[name] = pages * resource.getpagesize()
-        self.peak[name] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
     @contextmanager
     def part(self, name):
@@ -103,6 +114,14 @@ class Meter:
         yield
         self.wall[name], self.cpu[name] = time.perf_counter() - wall, time.process_time() - cpu
         self.note(name)
+
+
+def _give_back():
+    """Give free memory back to the system, where its C library can."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except AttributeError:  # not of GNU
+        pass
 
 
 class StepTimes:
@@ -131,7 +150,7 @@ def work(case_name, unknowns, steps, changes, folder, holders):
     from porofsi_petsc.linalg import options
 
     case = CASES[case_name]
-    scene = load_scene(case.scene, (*case.overrides(unknowns), *case.fixed, *changes))
+    scene = load_scene(case.scene, (*case.overrides(unknowns), *case.fixed, case.output(steps), *changes))
     scene = scene.model_copy(update={"time": scene.time.model_copy(update={"end": steps * scene.time.step})})
     options.start(scene.petsc.options)
     from mpi4py import MPI
@@ -165,8 +184,9 @@ def work(case_name, unknowns, steps, changes, folder, holders):
     with meter.part("checkpoint"):
         records.checkpoint(loop.clock, loop.iterations, None)
     records.close()
+    output = stopwatch.seconds["output"]
     repeated = _repeat(coupling, loop.clock.schemes(loop.model, scene.time.step)[1])
-    everyone = comm.gather((meter, times, repeated))
+    everyone = comm.gather((meter, times, repeated, output))
     triad = _triad(comm)
     if holders:
         for rank in range(comm.size):
@@ -211,7 +231,7 @@ def _triad(comm):
 
 def _record(mesh, coupling, loop, everyone, triad, case):
     """Return the columns of a run from the measurements of all ranks."""
-    meters, times, _ = zip(*everyone, strict=True)
+    meters, times, repeated, output = zip(*everyone, strict=True)
     unknowns = _unknowns(coupling)
     base = sum(meter.peak["start"] for meter in meters)
     started = [meter.resident["build"] - meter.resident["start"] for meter in meters]
@@ -229,6 +249,9 @@ def _record(mesh, coupling, loop, everyone, triad, case):
     start, write, check = wall("mesh") + wall("mesh_file"), wall("fields"), wall("checkpoint")
     writing = write * (1 + LONG_STEPS // case.fields_every) + check * (LONG_STEPS // case.checkpoint_every)
     total = start + wall("build") + first + (LONG_STEPS - 1) * other + writing
+    share = (start + writing) / total
+    if loop.clock.step >= LONG_STEPS:
+        share = (start + max(output)) / sum(map(wall, meters[0].wall))
     record = {
         "elements": mesh.n_cells_global,
         "nodes": mesh.n_global,
@@ -248,13 +271,13 @@ def _record(mesh, coupling, loop, everyone, triad, case):
         "first_us": 1e6 * first / unknowns,
         "step_us": 1e6 * other / unknowns,
         **{
-            f"{name}_{unit}": max(repeated[name][i] for _, _, repeated in everyone)
+            f"{name}_{unit}": max(one[name][i] for one in repeated)
             for name in ("assembly", "residual")
             for i, unit in enumerate(("seconds", "cpu"))
         },
         "fields_seconds": write,
         "checkpoint_seconds": check,
-        "share": (start + writing) / total,
+        "share": share,
         "base_mb": base / MB,
         "start_mb_least": min(started) / MB,
         "start_mb_largest": max(started) / MB,
@@ -348,13 +371,17 @@ def study(case):
 
 def execute(run, changes=(), holders=False):
     """Run in fresh processes and return the record; what goes wrong ends the study with the last lines of the error."""
+    print(f"running {run.label}", file=sys.stderr, flush=True)
     with tempfile.TemporaryDirectory() as folder:
         order = {"case_name": run.case, "unknowns": run.unknowns, "steps": run.steps, "changes": list(changes)}
         order |= {"folder": folder, "holders": holders}
         mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(run.ranks)]
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OMPI_MCA_hwloc_base_binding_policy": "none"}
         command = [*mpirun, sys.executable, str(Path(__file__).resolve()), "--worker", json.dumps(order)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, env=environment)
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, env=environment)
+        except subprocess.TimeoutExpired:
+            sys.exit(f"{run.label}: not done after {LIMIT} s; leave it out with --largest")
         result = Path(folder, "record.json")
         if done.returncode or not result.is_file():
             sys.exit(f"{run.label}: failed\n" + "\n".join(done.stderr.splitlines()[-20:]))
@@ -371,6 +398,9 @@ def worker(order):
         Path(order["folder"], "record.json").write_text(json.dumps(record))
 
 
+RATIOS = {"assembly": "assembly", "residual": "residual", "first step": "first", "later step": "step"}
+
+
 def report(case, rows):
     """Write the tables of a study as markdown and its figure; rows : list of dicts of texts."""
     from porofsi_petsc.studies.table import markdown
@@ -385,6 +415,15 @@ def report(case, rows):
 
     growth = [row for size in SIZES for row in of(size, 2)]
     fixed = [row for ranks in FIXED_RANKS for row in of(FIXED, ranks)]
+    one = fixed[0] if fixed else {}
+
+    def faster(column):
+        """Return a text: the time and how many times shorter it is than on one rank."""
+        return lambda row: f"{row[column]} ({float(one[column]) / float(row[column]):.2f})"
+
+    def bandwidth(row):
+        return f"{row['triad_gb_s']} ({float(row['triad_gb_s']) / float(one['triad_gb_s']):.2f})"
+
     weak = [row for ranks in WEAK_RANKS for row in of(WEAK * ranks, ranks)]
     iterations = {"sweeps": "sweeps", "fluid": "fluid_iterations", "solid": "solid_iterations"}
     if any(row["mesh_iterations"] for row in rows):
@@ -407,9 +446,8 @@ def report(case, rows):
         "\n## Ranks, the same unknowns\n",
         table(
             fixed, ranks="ranks", **iterations,
-            **{"assembly, s": "assembly_seconds", "residual, s": "residual_seconds", "first step, s": "first_seconds"},
-            **{"later step, s": "step_seconds", "triad, GB/s": "triad_gb_s", "after start, MB per rank": _span},
-            **{"largest peak in it": "start_peak_mb_largest"},
+            **{f"{name}, s (ratio)": faster(f"{key}_seconds") for name, key in RATIOS.items()},
+            **{"triad, GB/s (ratio)": bandwidth, "after start, MB per rank": _span, "largest peak": "start_peak_mb_largest"},
         ),
         "\n## Ranks, the same unknowns on each\n",
         table(weak, ranks="ranks", unknowns="true_unknowns", **iterations),

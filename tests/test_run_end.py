@@ -1,5 +1,6 @@
 """How a run ends: exit codes, what is on disk afterwards, signals, time limit, step cuts, limits, options, assemblies."""
 
+import importlib
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ import time
 import pytest
 from running import SCENES, Job, by_command_line, changes, command, environment, header, history, needs_mpirun, run_here, summary
 
+from porofsi_petsc import load_scene, run
 from porofsi_petsc.errors import ConvergenceError, ExpectationError, InputError, PorofsiError
 
 BLOCK = ("expect=[]", "mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.end=0.01", "time.step=1e-3")
@@ -223,3 +225,10 @@ def test_the_command_line_needs_python_only(tmp_path):
     done = summary(tmp_path / "run")
     assert {"history.csv", "scene.toml", "run.log", "fields.xdmf", "pressure.png", "histories.png"} <= set(done["files"])
     assert all((tmp_path / "run" / name).is_file() for name in done["files"])
+
+
+def test_no_rank_reads_the_fields_of_a_large_mesh_for_its_figures(tmp_path, monkeypatch):
+    monkeypatch.setattr(importlib.import_module("porofsi_petsc.simulation.run"), "FIGURE_ELEMENTS", 10)
+    run(load_scene("pulse2d", (*BLOCK, "time.end=2e-3")), tmp_path / "run", quiet=True)
+    figures = {path.name for path in (tmp_path / "run").glob("*.png")}
+    assert (tmp_path / "run" / "fields.xdmf").is_file() and "histories.png" in figures and "pressure.png" not in figures

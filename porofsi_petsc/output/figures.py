@@ -46,8 +46,13 @@ def make_figures(directory):
     """
     directory = Path(directory)
     scene = _scene(directory)
-    settings = scene.get("figures", {})
-    return _field_figures(directory, scene, settings) + _history_figures(directory, settings) + _reference_figure(directory)
+    return _field_figures(directory, scene, scene.get("figures", {})) + make_curves(directory)
+
+
+def make_curves(directory):
+    """Draw the figures of `make_figures` that need no fields, which are as large as the mesh."""
+    directory = Path(directory)
+    return _history_figures(directory, _scene(directory).get("figures", {})) + _reference_figure(directory)
 
 
 def _scene(directory):

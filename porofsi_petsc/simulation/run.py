@@ -10,7 +10,7 @@ from ..log import logger, start_log, stop_log
 from ..output.checkpoint import read_header
 from ..output.directory import prepare
 from ..output.expectations import evaluate, failed
-from ..output.figures import make_figures
+from ..output.figures import make_curves, make_figures
 from ..output.files import on_root, write_text
 from ..output.history import read_history
 from ..output.period import period_analysis
@@ -27,6 +27,8 @@ from .report import summarize
 from .restart import resume
 from .setups import materials_of
 from .sides import check_probes, probes_in
+
+FIGURE_ELEMENTS = 2_000_000  # above, one rank does not read whole fields; `porofsi plot` still draws them
 
 
 def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
@@ -108,7 +110,8 @@ class _Run:
             exit_code = ExpectationError.exit_code
         self._summarize(judgement, exit_code)  # a figure that cannot be drawn must not cost the numbers
         with self.stopwatch.measure("output"):
-            on_root(self.comm, make_figures, self.directory)
+            large = self.coupling.solid.mesh.n_cells_global > FIGURE_ELEMENTS
+            on_root(self.comm, make_curves if large else make_figures, self.directory)
         summary = self._summarize(judgement, exit_code)
         self._say(summary)
         return summary
