@@ -1,10 +1,14 @@
 """A solid and a fluid with a common step, whatever solves it: a saturated porous medium, or two that share an interface."""
 
 import collections
+import itertools
 
 import numpy as np
 
+from ..phases.residual import euclidean_norms
 from .convergence import Convergence
+
+FIELDS = ("fluid momentum", "volume", "solid momentum")
 
 
 class Medium:
@@ -40,9 +44,7 @@ class Medium:
             self.fluid.follow(self.carrier())
             fluid_residuals = self.fluid.residual(self.carrier())
             solid_residual = self.solid.residual(self.flow(fluid_residuals))
-            drag = self.fluid.drag_scale(self.carrier(), rates)
-            cancelling = self.fluid.cancelling(self.carrier(), rates) | self.solid.cancelling()
-            if self.convergence.reached(_norms(fluid_residuals, solid_residual), drag, cancelling):
+            if self.convergence.reached(*self._sizes(fluid_residuals, solid_residual, rates)):
                 self.solid.require_upright()
                 self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
                 return
@@ -50,6 +52,16 @@ class Medium:
                 self._iterate(iteration, solid_residual, fluid_residuals, rates)
         self.reset()
         raise self.convergence.failure(t, step, self.advice)
+
+    def _sizes(self, fluid_residuals, solid_residual, rates):
+        """Return what `Convergence.reached` takes, its norms by one reduction (collective)."""
+        residuals = dict(zip(FIELDS, (*fluid_residuals, solid_residual), strict=True))
+        groups = {field: residual.vectors() for field, residual in residuals.items()}
+        cancelling = self.fluid.cancelling(self.carrier(), rates) | self.solid.cancelling()
+        vectors = [*itertools.chain(*groups.values()), self.fluid.drag_scale(self.carrier(), rates), *cancelling.values()]
+        found = iter(euclidean_norms(self._comm, vectors).tolist())
+        norms = {field: (next(found), max(next(found) for _ in group[1:])) for field, group in groups.items()}
+        return norms, next(found), dict(zip(cancelling, found, strict=True))
 
     def carrier(self):
         """Return what carries the fluid in the trial state."""
@@ -144,8 +156,3 @@ class Medium:
         self.solid.load_state(parts["solid"], memory["solid"], rates)
         self.fluid.load_state(parts["fluid"], memory["fluid"], schemes[1], rates, self.skeleton_at)
         self.iterations, self.convergence.largest = memory["iterations"], memory["largest"]
-
-
-def _norms(fluid_residuals, solid_residual):
-    momentum, volume = fluid_residuals
-    return {"fluid momentum": momentum.norms(), "volume": volume.norms(), "solid momentum": solid_residual.norms()}

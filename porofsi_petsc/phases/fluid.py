@@ -129,7 +129,7 @@ class FluidPhase:
         return momentum.total if self._setup.split == "corrected" else 0.0
 
     def drag_scale(self, skeleton, rates):
-        """Return the norm of the nodal forces S max(|v_f|, c_v |u|) [N] (collective), whose round-off v_f - v_s has.
+        """Return the nodal forces S max(|v_f|, c_v |u|), (n_owned, d) [N], whose round-off v_f - v_s has; 0 in a free fluid.
 
         v_s is a difference of displacements, whose digits it loses where a deformed skeleton hardly moves any more.
         """
@@ -137,11 +137,10 @@ class FluidPhase:
             return 0.0
         n = self.mesh.n_owned
         v_f, u = self._level(self.v, self._v1)[:n], skeleton.displacement[:n]
-        force = self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
-        return float(np.sqrt(self.mesh.comm.allreduce(np.vdot(force, force))))
+        return self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
 
     def cancelling(self, skeleton, rates):
-        """Return field -> norm of what cancels inside the terms of a free fluid (collective); a uniform flow has nothing else.
+        """Return field -> what cancels inside the terms of a free fluid, (n_owned,); a uniform flow has nothing else.
 
         Per element of volume V, with g = Σ_a |∇N_a| and c = v_f - v_m: V g |v_f| in ∫ q div v and V |v_f| (ρ c_f + ρ |c| g +
         μ g²) in the momentum, each in equal parts to its nodes.
@@ -158,8 +157,7 @@ class FluidPhase:
             force = flux * (material.rho_fR * (rates.c_f + convective) + material.viscosity * g**2)
             both = np.column_stack([force, flux * g])[:, None]
             domain.add(nodal, chunk, np.broadcast_to(both, (len(both), domain.cells.shape[1], 2)))
-        squares = self.mesh.comm.allreduce((nodal**2).sum(axis=0))
-        return dict(zip(("fluid momentum", "volume"), np.sqrt(squares).tolist(), strict=True))
+        return dict(zip(("fluid momentum", "volume"), nodal.T, strict=True))
 
     def _weigh_drag(self, skeleton):
         """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N s/m]."""

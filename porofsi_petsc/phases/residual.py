@@ -1,6 +1,14 @@
 """A residual as the sum of named terms on the owned nodes of a rank."""
 
 import numpy as np
+from mpi4py import MPI
+
+
+def euclidean_norms(comm, vectors):
+    """Return the norms over all ranks of distributed vectors of any shapes, (len(vectors),), in one reduction (collective)."""
+    squares = np.array([np.vdot(vector, vector) for vector in vectors])
+    comm.Allreduce(MPI.IN_PLACE, squares)
+    return np.sqrt(squares)
 
 
 class Residual:
@@ -20,12 +28,14 @@ class Residual:
         """Return the sum of the terms on all rows, (n_owned, k): on prescribed ones minus the force that holds them."""
         return sum(self.terms.values())
 
+    def vectors(self):
+        """Return the total and the terms on free rows, each (n_owned, k)."""
+        return [self.total, *map(self._free, self.terms.values())]
+
     def norms(self):
         """Return (norm of the total, largest norm of a term), Euclidean over all ranks (collective)."""
-        vectors = [self.total, *map(self._free, self.terms.values())]
-        squares = self._comm.allreduce(np.array([np.vdot(v, v) for v in vectors]))
-        norms = np.sqrt(squares)
-        return norms[0], norms[1:].max()
+        total, *terms = euclidean_norms(self._comm, self.vectors())
+        return total, max(terms)
 
     def power(self, velocity):
         """Return name -> term · velocity over all rows and ranks, velocity (n_owned, k) (collective)."""

@@ -176,7 +176,7 @@ class SolidPhase:
         return nodal
 
     def cancelling(self):
-        """Return field -> norm of what cancels inside the stress of a body that turns (collective); its round-off remains.
+        """Return field -> what cancels inside the stress of a body that turns, (n_owned, 1); its round-off remains.
 
         TURN V E_c g² max |u - ū| of an element of volume V and mean displacement ū, g = Σ_a |∇N_a|, in equal parts to its nodes.
         """
@@ -187,7 +187,7 @@ class SolidPhase:
             stretch = np.linalg.norm(nodal - nodal.mean(axis=1, keepdims=True), axis=-1).max(axis=1, initial=0.0)
             force = TURN * self._turning_stiffness[chunk] * stretch / nodal.shape[1]
             domain.add(summed, chunk, np.broadcast_to(force[:, None], nodal.shape[:2]))
-        return {"solid momentum": float(np.sqrt(self.mesh.comm.allreduce(np.vdot(summed, summed))))}
+        return {"solid momentum": summed}
 
     @cached_property
     def _turning_stiffness(self):
