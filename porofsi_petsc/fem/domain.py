@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 
 from ..compiled import plain, specialized
 from ..errors import ConvergenceError
@@ -106,12 +107,13 @@ class Domain:
 
     def require(self, admissible, what):
         """Raise ConvergenceError on all ranks unless the condition, (E, ...) bool, holds in every element (collective)."""
+        if self.mesh.comm.allreduce(bool(admissible.all()), MPI.LAND):
+            return
         bad = np.flatnonzero(~admissible.all(axis=tuple(range(1, admissible.ndim))))
         centre = self.mesh.X[self.cells[bad[0]]].mean(axis=0).tolist() if len(bad) else None
-        found = [place for place in self.mesh.comm.allgather(centre) if place]
-        if found:
-            where = ", ".join(f"{c:.4g}" for c in found[0])
-            raise ConvergenceError(f"{what} (element at ({where}) m of the reference)", "try a smaller step")
+        found = next(place for place in self.mesh.comm.allgather(centre) if place)
+        where = ", ".join(f"{c:.4g}" for c in found)
+        raise ConvergenceError(f"{what} (element at ({where}) m of the reference)", "try a smaller step")
 
     def sum_owned(self, cell_values):
         """Return the sum over the elements of all ranks of values (E,)."""

@@ -3,6 +3,8 @@
 import signal
 import time
 
+from mpi4py import MPI
+
 from ..clock import Steady, backward_euler, first_order, implicit_second_order, second_order
 from ..errors import ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
@@ -124,11 +126,10 @@ class StopRequest:
     def reason(self):
         """Return why the run must stop, or an empty string (collective)."""
         late = self._deadline is not None and time.monotonic() > self._deadline
-        everyone = self._comm.allgather((self._received, late))
-        received = max(number for number, _ in everyone)
+        received, late = self._comm.allreduce(self._received, MPI.MAX), self._comm.allreduce(late, MPI.LOR)
         if received:
             return f"signal {signal.Signals(received).name}"
-        return "the time limit --max-time" if any(late for _, late in everyone) else ""
+        return "the time limit --max-time" if late else ""
 
     def restore(self):
         """Give the signals their former handlers."""

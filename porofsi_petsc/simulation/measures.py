@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from ..config.sections import LIMIT_OF
 from ..errors import LimitError
@@ -185,7 +186,7 @@ class Measures:
 
     def _maximum(self, cell_values):
         local = float(cell_values.max()) if cell_values.size else 0.0
-        return max(self._mesh.comm.allgather(local))
+        return self._mesh.comm.allreduce(local, MPI.MAX)
 
     def _gradients(self, u, domain):
         return displacement_gradient(domain.reference_stiffness.G, domain.gather(u))
