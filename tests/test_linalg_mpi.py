@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from linalg_model import ElasticBlock, FluidBlock
 from mpi4py import MPI
+from petsc4py import PETSc
 
-from porofsi_petsc.errors import ConvergenceError
+from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.linalg import options
 
 options.start()
@@ -61,6 +62,13 @@ def test_assembly_replaces_the_values_bitwise():
     A.finish()
     assert np.array_equal(A.mat.getValuesCSR()[2], first)
     A.destroy()
+
+
+def test_matrix_type_without_an_array_of_values_is_refused():
+    PETSc.Options().setValue("refused_mat_type", "baij")
+    with pytest.raises(InputError, match="refused_.*baij.*aij.*remove"):
+        FluidBlock(COMM, 2, 3, has_auxiliary=False).matrix("refused_")
+    PETSc.Options().delValue("refused_mat_type")
 
 
 TIGHT = {"ksp_rtol": 1e-8}
