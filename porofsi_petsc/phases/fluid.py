@@ -296,7 +296,7 @@ class FluidPhase:
         if not self.domain.n_nodes:
             return False
         change = np.abs(skeleton.configuration.J / self._tangent_J - 1).max(initial=0.0)
-        return max(self.mesh.comm.allgather(change)) > STRAY
+        return self.mesh.comm.allreduce(float(change), MPI.MAX) > STRAY
 
     def expire_tangent(self):
         """Ask for a new tangent at the start of the next step."""
