@@ -91,10 +91,10 @@ def solve(case, direct=False, petsc=OBSTACLE_SOLVER):
     from mpi4py import MPI
 
     from porofsi_petsc.config import Scene
+    from porofsi_petsc.linalg.stopwatch import Stopwatch
     from porofsi_petsc.simulation import interface
     from porofsi_petsc.simulation.build import build_coupling, local_mesh
     from porofsi_petsc.simulation.loop import Clock
-    from porofsi_petsc.stopwatch import Stopwatch
 
     scene = Scene.model_validate(case.tables())
     with mock.patch.object(interface, "is_direct", lambda mesh: direct):

@@ -155,6 +155,7 @@ def work(case_name, unknowns, steps, changes, folder, holders):
     options.start(scene.petsc.options)
     from mpi4py import MPI
 
+    from porofsi_petsc.linalg.stopwatch import Stopwatch
     from porofsi_petsc.output.progress import Progress
     from porofsi_petsc.simulation.build import build_coupling, local_mesh
     from porofsi_petsc.simulation.energy import Energy
@@ -162,7 +163,6 @@ def work(case_name, unknowns, steps, changes, folder, holders):
     from porofsi_petsc.simulation.measures import Measures
     from porofsi_petsc.simulation.records import Records
     from porofsi_petsc.simulation.setups import materials_of
-    from porofsi_petsc.stopwatch import Stopwatch
 
     comm, stopwatch, meter, energy = MPI.COMM_WORLD, Stopwatch(), Meter(), Energy()
     with meter.part("mesh"):
@@ -430,7 +430,7 @@ def report(case, rows):
         iterations["mesh"] = "mesh_iterations"
     parts = [
         f"# Growth of the case `{case}`\n\nWritten by `scripts/bench_scale.py {case}` (do not edit by hand); what is measured: "
-        f"its `--help`. {versions()}\n",
+        f"its `--help`. {versions()} Load when it was written: {os.getloadavg()[2]:.1f} in the last quarter of an hour.\n",
         "## Sizes, two ranks\n",
         table(
             growth, unknowns="true_unknowns", **iterations, **{"first step, s": "first_seconds", "µs per unknown": "first_us"},

@@ -15,9 +15,9 @@ from mpi4py import MPI
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 from porofsi_petsc.studies.table import markdown
 
 ROOT, AXIS, LENGTH = 0.25, 0.2, 0.35  # start, height and length of the beam [m]

@@ -15,8 +15,8 @@ from running import SCENES
 from porofsi_petsc import load_scene
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling
-from porofsi_petsc.stopwatch import Stopwatch
 
 SCENE = str(SCENES / "free_fluid.toml")
 RHO, MU = 2.0, 0.1  # of the scene [kg/m³], [Pa s]

@@ -20,6 +20,7 @@ from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.fem.domain import Configuration, Domain
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.fluid import FluidPhase
 from porofsi_petsc.phases.solid import SolidPhase
 from porofsi_petsc.phases.transfer import Flow, Rates, Skeleton
@@ -27,7 +28,6 @@ from porofsi_petsc.simulation import build
 from porofsi_petsc.simulation.build import serial_mesh
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.setups import fluid_setup, materials_of, solid_setup
-from porofsi_petsc.stopwatch import Stopwatch
 
 SCENE = str(SCENES / "manufactured.toml")
 x, y, t = sp.symbols("x y t", real=True)

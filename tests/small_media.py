@@ -5,9 +5,9 @@ from mpi4py import MPI
 from running import SCENES
 
 from porofsi_petsc import load_scene
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 
 BLOCK3D = str(SCENES / "block3d.toml")
 PLANE = ("mesh.x.cells=[1, 1, 1]", "mesh.x.ratios=[1.0, 1.0, 1.0]", "mesh.y.cells=[2]", "mesh.y.ratios=[1.0]")

@@ -7,9 +7,9 @@ from mpi4py import MPI
 
 from porofsi_petsc.config.schema import Scene
 from porofsi_petsc.linalg import options
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 
 UNLIMITED = {name: "report" for name in ("strain", "mesh_displacement", "reynolds", "inertia")}
 

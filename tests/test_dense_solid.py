@@ -15,8 +15,8 @@ from porofsi_petsc.coupling.convergence import Convergence
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, serial_mesh
-from porofsi_petsc.stopwatch import Stopwatch
 
 BAR = str(SCENES / "bar.toml")
 LAMBDA, MU, RHO, E_C = 6.0, 5.0, 2.0, 16.0  # of the scene [Pa], [kg/m³]

@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
-from porofsi_petsc.stopwatch import Stopwatch
 
 PISTON, FLAP = (str(SCENES / f"{name}.toml") for name in ("piston", "flap"))
 E_C, RHO_S = 16.0, 1.0  # of the layer of the piston, 1 m high under 1 m of fluid [Pa], [kg/m³]

@@ -12,10 +12,10 @@ from small_media import medium as small_medium
 from porofsi_petsc import load_scene
 from porofsi_petsc.fem.boundary import Dirichlet, SurfaceLoad
 from porofsi_petsc.fem.domain import Domain
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.fluid import FluidPhase
 from porofsi_petsc.phases.transfer import Flow, Rates
 from porofsi_petsc.simulation.setups import fluid_setup, materials_of
-from porofsi_petsc.stopwatch import Stopwatch
 
 pytestmark = pytest.mark.usefixtures("petsc")
 FLOW = ("model.viscosity=true", "model.convection=true")

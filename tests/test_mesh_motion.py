@@ -15,9 +15,9 @@ from porofsi_petsc.clock import second_order
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.fem.geometry import shape_quality
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 
 LAWS = ("harmonic", "linear_elastic", "neo_hookean")
 LINEAR = LAWS[:2]

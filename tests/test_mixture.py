@@ -6,9 +6,9 @@ from mpi4py import MPI
 from small_media import BRINKMAN, DARCY, FD_STEP, FD_TOLERANCE, MESHES, VARIABLE, dense, in_motion
 
 from porofsi_petsc import load_scene
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 
 pytestmark = pytest.mark.usefixtures("petsc")
 OPTIONS = {"Darcy": DARCY, "Brinkman": BRINKMAN, "variable porosity": DARCY + VARIABLE, "Brinkman, variable": BRINKMAN + VARIABLE}

@@ -8,10 +8,10 @@ from running import SCENES, Job, history, run_here, run_on, state, summary
 from porofsi_petsc import list_scenes, load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.solid import SolidPhase
 from porofsi_petsc.simulation import build, setups
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 
 TIGHT = ("coupling.tolerance=1e-11", "coupling.max_iterations=100", "coupling.accelerator=anderson")
 # The solutions differ by the tolerance times the condition of a step: the bound leaves a factor of a hundred.

@@ -20,13 +20,13 @@ from porofsi_petsc.fem.projection import SurfaceProjection
 from porofsi_petsc.fem.transfer import InterfaceTransfer, Pair
 from porofsi_petsc.kernels.surface import facet_normal
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.mesh.generate import box, rectangle
 from porofsi_petsc.mesh.interface import INTERFACE, with_interface
 from porofsi_petsc.mesh.mesh import Mesh
 from porofsi_petsc.mesh.write import write_mesh
 from porofsi_petsc.simulation import check
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
-from porofsi_petsc.stopwatch import Stopwatch
 
 FLAP = str(SCENES / "flap.toml")
 WEAK = "coupling.scheme=weak", "material.0.fluid.density=1.0"

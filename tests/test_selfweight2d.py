@@ -10,10 +10,10 @@ from porofsi_petsc.clock import backward_euler
 from porofsi_petsc.config.catalogue import find_scene
 from porofsi_petsc.exact.selfweight import Selfweight
 from porofsi_petsc.fem.domain import Configuration
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.transfer import Flow, Rates
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 
 pytestmark = pytest.mark.usefixtures("petsc")
 VARIANTS = {

@@ -7,9 +7,9 @@ from running import SCENES
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.stopwatch import Stopwatch
 
 CHANNEL = str(SCENES / "channel.toml")
 HEIGHT, POROSITY, DENSITY, FORCE = 1.0, 0.4, 1000.0, 2.0  # [m], [-], [kg/m³], [m/s²]

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 
 from ..errors import ConvergenceError, InputError
 from .options import has_package, set_defaults
+from .stopwatch import stage
 
 REUSE_FACTOR = 1.5
 REUSE_OFFSET = 2
@@ -154,6 +155,15 @@ class LinearSolver:
         if not self._changed:
             return False
         start, fresh = time.perf_counter(), self._rebuild
+        with stage("factorization"):
+            self._give_matrix(fresh)
+        self.factorizations += fresh
+        self._changed = self._rebuild = False
+        self.setup_time += time.perf_counter() - start
+        return fresh
+
+    def _give_matrix(self, fresh):
+        """Set the operators and, where it is to be fresh, the preconditioner."""
         if fresh:
             self._set_constants()
         self.ksp.setOperators(self.matrix)
@@ -168,10 +178,6 @@ class LinearSolver:
                 raise _missing(self.prefix, error) from error
             raise ConvergenceError(f"linear solver {self.prefix}: its set-up failed: {_text(error)}") from error
         self.ksp.getPC().setReusePreconditioner(True)
-        self.factorizations += fresh
-        self._changed = self._rebuild = False
-        self.setup_time += time.perf_counter() - start
-        return fresh
 
     def _prepare_pressure(self):
         """Let the given object act on the pressure's block, which a FieldSplit makes in its first set-up."""
@@ -194,7 +200,8 @@ class LinearSolver:
     def _run(self):
         """Return the iterations and the converged reason; a direct solve that is not finite counts as diverged."""
         start = time.perf_counter()
-        self.ksp.solve(self._b, self._x)
+        with stage("solve"):
+            self.ksp.solve(self._b, self._x)
         reason = self.ksp.getConvergedReason()
         if reason > 0 and not np.isfinite(self._x.norm()):
             reason = int(PETSc.KSP.ConvergedReason.DIVERGED_NANORINF)

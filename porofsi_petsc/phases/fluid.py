@@ -8,7 +8,7 @@ from mpi4py import MPI
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, longitudinal_modulus
-from ..stopwatch import timed
+from ..linalg.stopwatch import timed
 from .flow_fields import NodalFlow
 from .loads import body_acceleration
 from .parameters import StabilizationParameters

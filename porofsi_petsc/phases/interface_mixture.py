@@ -5,7 +5,7 @@ import numpy as np
 from ..fem.domain import Domain
 from ..linalg.fieldsplit import mixture_defaults
 from ..linalg.solver import LinearSolver
-from ..stopwatch import timed
+from ..linalg.stopwatch import timed
 
 
 class InterfaceMixture:

@@ -6,7 +6,7 @@ from ..errors import ConvergenceError
 from ..fem.domain import Configuration
 from ..fem.geometry import shape_quality
 from ..kernels import solid as kernel
-from ..stopwatch import timed
+from ..linalg.stopwatch import timed
 from ..tensors import det_minus_one
 from .transfer import Skeleton
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..linalg.fieldsplit import mixture_defaults
 from ..linalg.solver import LinearSolver
-from ..stopwatch import timed
+from ..linalg.stopwatch import timed
 
 
 class QuasiDirectMixture:

@@ -11,8 +11,8 @@ from ..fem.transfer import InterfaceTransfer
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
+from ..linalg.stopwatch import Stopwatch
 from ..materials.elastic import ElasticLaw
-from ..stopwatch import Stopwatch
 
 
 @dataclass(frozen=True)

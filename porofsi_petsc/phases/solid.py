@@ -8,7 +8,7 @@ from ..fem.domain import Configuration
 from ..kernels import exchange, shape
 from ..kernels import solid as kernel
 from ..kernels.assemble import add_isotropic, mass_matrix
-from ..stopwatch import timed
+from ..linalg.stopwatch import timed
 from ..tensors import det_minus_one
 from .loads import body_acceleration
 from .residual import Residual

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from ..config import scene_to_toml
 from ..errors import ExpectationError
+from ..linalg.stopwatch import Stopwatch
 from ..log import logger, start_log, stop_log
 from ..output.checkpoint import read_header
 from ..output.directory import prepare
@@ -17,7 +18,6 @@ from ..output.period import period_analysis
 from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import write_summary
-from ..stopwatch import Stopwatch
 from .build import build_coupling, local_mesh
 from .energy import Energy
 from .loop import StopRequest, TimeLoop

@@ -8,12 +8,12 @@ from mpi4py import MPI
 
 from ..errors import PorofsiError
 from ..linalg.options import start
+from ..linalg.stopwatch import Stopwatch
 from ..simulation.build import build_coupling, local_mesh
 from ..simulation.energy import Energy
 from ..simulation.loop import TimeLoop
 from ..simulation.measures import Measures
 from ..simulation.setups import materials_of
-from ..stopwatch import Stopwatch
 
 
 @dataclass

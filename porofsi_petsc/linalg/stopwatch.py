@@ -1,9 +1,16 @@
-"""Wall time by stage."""
+"""Wall time by stage, which is one of -log_view too."""
 
 import time
 from collections import defaultdict
 from contextlib import contextmanager
 from functools import wraps
+
+from petsc4py import PETSc
+
+
+def stage(name):
+    """Return a context whose work PETSc logs as a stage of this name; of a stage inside a stage the inner one counts."""
+    return PETSc.Log.Stage(name)
 
 
 class Stopwatch:
@@ -15,13 +22,14 @@ class Stopwatch:
         self._began = time.perf_counter()
 
     @contextmanager
-    def measure(self, stage):
-        """Add the time spent inside to the stage."""
+    def measure(self, name):
+        """Add the time spent inside to the stage of this name."""
         start = time.perf_counter()
         try:
-            yield
+            with stage(name):
+                yield
         finally:
-            self.seconds[stage] += time.perf_counter() - start
+            self.seconds[name] += time.perf_counter() - start
 
     @property
     def total(self):
@@ -29,13 +37,13 @@ class Stopwatch:
         return time.perf_counter() - self._began
 
 
-def timed(stage):
+def timed(name):
     """Return a decorator that counts the time of a method into a stage of the `stopwatch` of its object."""
 
     def decorate(method):
         @wraps(method)
         def measured(self, *arguments):
-            with self.stopwatch.measure(stage):
+            with self.stopwatch.measure(name):
                 return method(self, *arguments)
 
         return measured
