@@ -430,7 +430,7 @@ def report(case, rows):
         iterations["mesh"] = "mesh_iterations"
     parts = [
         f"# Growth of the case `{case}`\n\nWritten by `scripts/bench_scale.py {case}` (do not edit by hand); what is measured: "
-        f"its `--help`. {versions()} Load when it was written: {os.getloadavg()[2]:.1f} in the last quarter of an hour.\n",
+        f"its `--help`. {versions()} {load()}\n",
         "## Sizes, two ranks\n",
         table(
             growth, unknowns="true_unknowns", **iterations, **{"first step, s": "first_seconds", "µs per unknown": "first_us"},
@@ -475,6 +475,13 @@ def versions():
         f"PETSc {petsc}, NumPy {np.__version__}, Numba {numba.__version__}, Python {platform.python_version()}; "
         f"{cores} cores of {name}."
     )
+
+
+def load():
+    """Return a sentence about what else was running: two ranks make a load of two."""
+    busy = os.getloadavg()[2]
+    verdict = ": other programs had a large part of the cores, so that the times are no measure" if busy > 2.5 else ""
+    return f"Load of the last quarter of an hour {busy:.1f}{verdict}."
 
 
 def draw(case, rows):
