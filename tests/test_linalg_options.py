@@ -111,6 +111,13 @@ def test_prefixes_of_absent_phases_are_exempt():
     options.check_options(exempt_prefixes=("fluid_",))
 
 
+def test_a_solver_that_is_there_answers_for_its_options_whatever_is_exempt():
+    options.start("-mesh_ksp_rtoll 1e-3")
+    options.set_defaults("mesh_", {"ksp_type": "cg"})
+    with pytest.raises(InputError, match="did you mean -mesh_ksp_rtol?"):
+        options.check_options(exempt_prefixes=("mesh_",))
+
+
 @pytest.mark.parametrize(
     "text, sentence",
     [

@@ -63,10 +63,13 @@ def set_defaults(prefix: str, defaults: Mapping[str, object]) -> None:
 
 
 def unused_options(exempt_prefixes: Iterable[str] = ()) -> list[str]:
-    """Return the options of the scene and the command line that PETSc has not asked for on any rank (collective)."""
+    """Return the options of the scene and the command line that PETSc has not asked for on any rank (collective).
+
+    exempt_prefixes : of solvers that a scene may lack; one that has been made answers for its options.
+    """
     from .compat import option_used
 
-    exempt = tuple(exempt_prefixes)
+    exempt = tuple(prefix for prefix in exempt_prefixes if prefix not in _defaults.values())
     names = sorted(name for name in _user if name not in START_AND_END and not name.startswith(exempt))
     used = _petsc().COMM_WORLD.tompi4py().allgather([option_used(name) for name in names])
     return [name for name, *flags in zip(names, *used, strict=True) if not any(flags)]

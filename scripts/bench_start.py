@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+"""Sweeps of a step by the order of the extrapolation that it starts from: displacement, fluid velocity and pressure.
+
+usage: bench_start.py SCENE [--steps N] [--set KEY=VALUE]...     e.g. bench_start.py pulse2d --steps 12
+
+A line per choice: orders of u, v_f and p; mean and largest number of sweeps of the steps from the fourth on; CPU seconds of all
+steps.  The package starts from u of order 2 (1 without inertia), v_f of order 1 and p of order 0.  The others replace what
+`begin_step` has set: order k is the polynomial through the last k + 1 levels.
+"""
+
+import argparse
+import sys
+import time
+from collections import deque
+from itertools import product
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from porofsi_petsc.linalg import options  # noqa: E402
+
+options.start()
+
+from mpi4py import MPI  # noqa: E402
+
+from porofsi_petsc import load_scene  # noqa: E402
+from porofsi_petsc.linalg.solver import _living  # noqa: E402
+from porofsi_petsc.linalg.stopwatch import Stopwatch  # noqa: E402
+from porofsi_petsc.phases.fluid import FluidPhase  # noqa: E402
+from porofsi_petsc.phases.solid import SolidPhase  # noqa: E402
+from porofsi_petsc.simulation.build import build_coupling, local_mesh  # noqa: E402
+from porofsi_petsc.simulation.loop import Clock  # noqa: E402
+
+SHIPPED = ("shipped", "shipped", "shipped")
+WEIGHTS = {0: (1,), 1: (2, -1), 2: (3, -3, 1)}
+FIRST = 3  # steps before enough levels are there
+
+
+def extrapolated(levels, order):
+    """Return the value at the next level of the polynomial through the last `order` + 1, fewer at the start; newest first."""
+    weights = WEIGHTS[min(order, len(levels) - 1)]
+    return sum(weight * level for weight, level in zip(weights, levels, strict=False))
+
+
+def start_of_fluid(v_order, p_order):
+    """Return a `begin_step` that starts from extrapolated v_f and p."""
+    original, v_levels, p_levels = FluidPhase.begin_step, deque(maxlen=3), deque(maxlen=3)
+
+    def begin_step(fluid, scheme, rates, t, skeleton):
+        original(fluid, scheme, rates, t, skeleton)
+        v_levels.appendleft(fluid.v.copy())
+        p_levels.appendleft(fluid.p.copy())
+        if v_order != "shipped":
+            fluid._v1 = extrapolated(v_levels, v_order)
+            fluid._setup.velocity.apply(fluid._v1, t + scheme.dt)
+        if p_order != "shipped":
+            fluid._p1 = extrapolated(p_levels, p_order)
+            fluid._setup.pressure.apply(fluid._p1[:, None], t + scheme.alpha_f * scheme.dt)
+        fluid._update_rates()
+
+    return begin_step
+
+
+def start_of_solid(order):
+    """Return a `begin_step` that starts from an extrapolated displacement."""
+    original, levels = SolidPhase.begin_step, deque(maxlen=3)
+
+    def begin_step(solid, scheme, t):
+        original(solid, scheme, t)
+        levels.appendleft(solid.u.copy())
+        if order != "shipped":
+            solid._u1 = extrapolated(levels, order)
+            solid._setup.dirichlet.apply(solid._u1, t + scheme.dt)
+            solid._update_rates()
+
+    return begin_step
+
+
+def run(scene, steps):
+    """Return the sweeps of every step and the CPU seconds of all."""
+    options.start(scene.petsc.options)
+    coupling, clock, sweeps = build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch()), Clock(scene.time), []
+    start = time.process_time()
+    for step in range(steps):
+        coupling.step(*clock.schemes(scene.model, scene.time.step), step * scene.time.step, step + 1)
+        coupling.accept()
+        sweeps.append(coupling.iterations)
+    seconds = time.process_time() - start
+    for solver in [*_living]:
+        solver.destroy()
+    return sweeps, seconds
+
+
+def main():
+    """Measure the shipped start and every choice of orders."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene")
+    parser.add_argument("--steps", type=int, default=12)
+    parser.add_argument("--set", dest="changes", action="append", default=[], metavar="KEY=VALUE")
+    given = parser.parse_args()
+    scene = load_scene(given.scene, given.changes)
+    for u, v, p in (SHIPPED, *product(*[(0, 1, 2)] * 3)):
+        fluid = mock.patch.object(FluidPhase, "begin_step", start_of_fluid(v, p))
+        with fluid, mock.patch.object(SolidPhase, "begin_step", start_of_solid(u)):
+            sweeps, seconds = run(scene, given.steps)
+        counted = sweeps[FIRST:]
+        print(f"{u!s:8}{v!s:8}{p!s:8} {np.mean(counted):5.2f} {max(counted):3d} {seconds:7.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
