@@ -80,25 +80,25 @@ TABLES = {
     "small_2d": Table("pulse2d", square(8), 5, ("direct.opt", *ITERATIVE_2D)),
     "large_2d": Table(
         "pulse2d",
-        square(22),
+        square(16),
         2,
         ("direct.opt", METIS, *(f"direct.opt {BLR.format(drop, drop)}" for drop in ("1e-10", "1e-6")), *ITERATIVE_2D),
     ),
     "porous_3d": Table(
-        "pulse3d", cube(18), 3, (*SOLID, "direct.opt", "-fluid_pc_type bjacobi", "-fluid_fieldsplit_p_inner_pc_type gamg")
+        "pulse3d", cube(15), 3, (*SOLID, "direct.opt", "-fluid_pc_type bjacobi", "-fluid_fieldsplit_p_inner_pc_type gamg")
     ),
     "short_steps": Table(
-        "pulse3d", (*cube(18), "time.step=1e-5"), 3, (*SOLID[:3], "-fluid_pc_type bjacobi", "-fluid_pc_type asm")
+        "pulse3d", (*cube(15), "time.step=1e-5"), 3, (*SOLID[:3], "-fluid_pc_type bjacobi", "-fluid_pc_type asm")
     ),
     "low_permeability": Table(
         "pulse3d",
-        (*cube(18), "material.0.permeability.k=1e-9"),
+        (*cube(15), "material.0.permeability.k=1e-9"),
         2,
         (*SOLID[:3], "-fluid_pc_type bjacobi", "-fluid_fieldsplit_p_inner_pc_type gamg"),
     ),
-    "nearly_incompressible": Table("pulse3d", (*cube(18), *NU_49), 2, SOLID),
-    "static": Table("pulse3d", (*cube(18), *STATIC), 1, SOLID),
-    "static_nearly_incompressible": Table("pulse3d", (*cube(18), *STATIC, *NU_49), 1, SOLID),
+    "nearly_incompressible": Table("pulse3d", (*cube(15), *NU_49), 2, SOLID),
+    "static": Table("pulse3d", (*cube(15), *STATIC), 1, SOLID),
+    "static_nearly_incompressible": Table("pulse3d", (*cube(15), *STATIC, *NU_49), 1, SOLID),
     "free_fluid_2d": Table(
         str(SCENES / "flap.toml"),
         FLAP,
