@@ -70,7 +70,6 @@ SOLID_MUMPS = "-solid_ksp_type preonly -solid_pc_type cholesky -solid_pc_factor_
 SOLID = ("solid_gamg.opt", "solid_hypre.opt", "solid_icc.opt", "solid_pyamg.opt", SOLID_MUMPS)
 ITERATIVE_2D = tuple(f"fluid_fieldsplit.opt {name}.opt" for name in ("solid_gamg", "solid_hypre", "solid_icc"))
 BLR = " ".join(f"-{block}_mat_mumps_icntl_35 2 -{block}_mat_mumps_cntl_7 {{}}" for block in ("fluid", "solid"))
-OUT_OF_CORE = "direct.opt -fluid_mat_mumps_icntl_22 1 -solid_mat_mumps_icntl_22 1"
 METIS = "direct.opt -fluid_mat_mumps_icntl_7 5 -solid_mat_mumps_icntl_7 5"
 TOLERANCES = (
     "",
@@ -83,7 +82,13 @@ TABLES = {
         "pulse2d",
         square(16),
         2,
-        ("direct.opt", METIS, *(f"direct.opt {BLR.format(drop, drop)}" for drop in ("1e-10", "1e-6")), *ITERATIVE_2D),
+        (
+            "direct.opt",
+            METIS,
+            "direct_out_of_core.opt",
+            *(f"direct.opt {BLR.format(drop, drop)}" for drop in ("1e-10", "1e-6")),
+            *ITERATIVE_2D,
+        ),
     ),
     "porous_3d": Table(
         "pulse3d", cube(15), 3, (*SOLID, "direct.opt", "-fluid_pc_type bjacobi", "-fluid_fieldsplit_p_inner_pc_type gamg")

@@ -100,6 +100,11 @@ def test_recipe_gives_the_results_of_mumps(factored, recipe, dimension, shared_p
     assert np.abs(computed[0]["coupling_iterations"] - expected[0]["coupling_iterations"]).max() <= 1
 
 
+def test_factors_on_disk_give_the_same_results(reference, shared_path):
+    scene, changes, expected = reference
+    assert_same(run(scene, changes, shared_path / "run", ("direct_out_of_core",)), expected)
+
+
 @pytest.mark.parametrize("recipe", NAMES)
 def test_a_misspelt_option_in_a_recipe_is_an_error(recipe, shared_path):
     require_packages(recipe)
