@@ -43,6 +43,7 @@ WEAK, WEAK_RANKS = 25_000, (1, 2, 4, 8)
 LONG, LONG_STEPS = 100_000, 50
 STEPS = 2
 LIMIT = 900  # of a run [s]
+BUSY = os.getloadavg()[0]  # when this process began
 REPEATS = 3  # of an assembly
 MB, STREAM = 1e6, 4_000_000  # [bytes], doubles in each array of the triad
 
@@ -478,10 +479,9 @@ def versions():
 
 
 def load():
-    """Return a sentence about what else was running: two ranks make a load of two."""
-    busy = os.getloadavg()[2]
-    verdict = ": other programs had a large part of the cores, so that the times are no measure" if busy > 2.5 else ""
-    return f"Load of the last quarter of an hour {busy:.1f}{verdict}."
+    """Return a sentence about what else ran before the first run."""
+    verdict = ": other programs had a part of the cores, so that the times are no measure" if BUSY > 1.5 else ""
+    return f"Load before it began {BUSY:.1f}{verdict}."
 
 
 def draw(case, rows):
