@@ -3,6 +3,7 @@
 import fcntl
 import hashlib
 import os
+import pickle
 from contextlib import contextmanager
 from functools import cache, wraps
 from pathlib import Path
@@ -107,9 +108,12 @@ class _Loop:
         if self._ready:
             return self.compiled(*arguments)
         with _alone(self._lock):
-            result = self.compiled(*arguments)
+            try:
+                self.compiled.compile(tuple(map(self.compiled.typeof_pyval, arguments)))
+            except (OSError, EOFError, pickle.UnpicklingError):  # a full disk, or a damaged file of the cache
+                self.compiled = numba.njit(self.compiled.py_func, **OPTIONS)
         self._ready = True
-        return result
+        return self.compiled(*arguments)
 
 
 @contextmanager

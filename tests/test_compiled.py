@@ -78,3 +78,12 @@ def test_without_a_place_to_write_it_compiles_for_itself(monkeypatch):
     monkeypatch.setattr(compiled.numba, "njit", nowhere)
     loop = compiled.specialized(lambda factor: lambda x: factor * x)(3.0)
     assert loop(2.0) == 6.0
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_a_damaged_file_of_the_cache_is_no_obstacle(tmp_path, kind):
+    """As a full disk or a power cut leaves it: index or machine code cut short."""
+    counts(started(tmp_path))
+    for file in tmp_path.rglob(f"*.{kind}"):
+        file.write_bytes(file.read_bytes()[: 0 if kind == "nbi" else 50])
+    assert counts(started(tmp_path))[0] == 0
