@@ -124,12 +124,36 @@ def test_a_solver_that_is_there_answers_for_its_options_whatever_is_exempt():
         ("ksp_rtol 1e-3", "'ksp_rtol' is neither an option nor the value of one"),
         ("-ksp_rtol 1e-3 2", "'2' is neither an option"),
         ("-options_file /nowhere/o.txt", "no file '/nowhere/o.txt'"),
+        ("--options_file /nowhere/o.txt", "no file '/nowhere/o.txt'"),
+        ("-ksp_view -options_file", "nothing .after -options_file"),
         ("-ksp_rtol '1e-3", "close the quotation"),
     ],
 )
 def test_words_that_are_no_options_are_refused(text, sentence):
     with pytest.raises(InputError, match=sentence):
         options.start(text)
+
+
+def test_an_options_file_of_the_environment_is_looked_for(monkeypatch):
+    monkeypatch.setenv("PETSC_OPTIONS", "-ksp_view -options_file /nowhere/o.txt")
+    with pytest.raises(InputError, match="no file '/nowhere/o.txt'"):
+        options.start()
+
+
+def test_an_options_file_with_a_blank_in_its_path_is_refused(tmp_path):
+    file = tmp_path / "a b.opt"
+    file.write_text("-ksp_rtol 1e-3")
+    with pytest.raises(InputError, match="path with a blank"):
+        options.start("", ["-options_file", str(file)])
+
+
+def test_a_file_that_holds_no_options_is_refused_by_name(tmp_path):
+    """PETSc reads it as it starts: in a process of its own."""
+    file = tmp_path / "no.opt"
+    file.write_text("this is no option file")
+    code = f"from porofsi_petsc.linalg import options; options.start('-options_file {file}')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "InputError: PETSc options: PETSc does not start with them" in done.stderr
 
 
 def test_negative_numbers_are_values():

@@ -1,6 +1,7 @@
 """Start of PETSc and its option database: command line > scene > PETSC_OPTIONS and rc files > defaults of the package."""
 
 import difflib
+import itertools
 import os
 import re
 import shlex
@@ -35,6 +36,7 @@ def start(scene_options: str = "", command_line: Sequence[str] = ()) -> None:
     """
     words = [*_split(scene_options), *command_line]
     _check_words(words)
+    _check_files(os.environ.get("PETSC_OPTIONS", "").split())
     if "petsc4py.PETSc" in sys.modules:
         _check_build()
         _forget()
@@ -109,8 +111,17 @@ def _check_words(words):
     for previous, word in zip(["", *words], words, strict=False):
         if not _is_option(word) and not _is_option(previous):
             raise InputError(f"PETSc options: {word!r} is neither an option nor the value of one; write -NAME VALUE")
-        if previous == "-options_file" and not os.path.isfile(word):
-            raise InputError(f"PETSc options: no file {word!r} (after -options_file); give the path of an existing file")
+    _check_files(words)
+
+
+def _check_files(words):
+    for name, word in itertools.zip_longest(words, words[1:]):
+        if name.lstrip("-") == "options_file":
+            if word is None or not os.path.isfile(word):
+                received = "nothing" if word is None else f"no file {word!r}"
+                raise InputError(f"PETSc options: {received} (after -options_file); give the path of an existing file")
+            if " " in word:
+                raise InputError(f"PETSc options: PETSc reads no path with a blank, {word!r} (after -options_file); rename it")
 
 
 def _initialise(words):
@@ -118,7 +129,11 @@ def _initialise(words):
         import petsc4py
     except ImportError as error:
         raise InputError("this Python has no petsc4py; install PETSc with petsc4py, version 3.18 or newer") from error
-    petsc4py.init([sys.argv[0] or "porofsi", *words])
+    try:
+        petsc4py.init([sys.argv[0] or "porofsi", *words])
+    except RuntimeError as error:
+        text = "an options file has lines of -NAME VALUE and comments after #, and an -options_file in it an existing file"
+        raise InputError(f"PETSc options: PETSc does not start with them ({error}); {text}") from error
 
 
 def _check_build():
