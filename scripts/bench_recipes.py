@@ -11,30 +11,22 @@ all ranks (its INFOG(22)).
 
 import argparse
 import gc
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from mpi4py import MPI
+from some_steps import some_steps
+
+from porofsi_petsc import load_scene
+from porofsi_petsc.errors import ConvergenceError
+from porofsi_petsc.linalg import options
+from porofsi_petsc.linalg import solver as linear
+from porofsi_petsc.simulation.loop import ABSENT_PREFIXES
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from porofsi_petsc.linalg import options  # noqa: E402
-
-options.start()
-
-from mpi4py import MPI  # noqa: E402
-
-from porofsi_petsc import load_scene  # noqa: E402
-from porofsi_petsc.errors import ConvergenceError  # noqa: E402
-from porofsi_petsc.linalg import solver as linear  # noqa: E402
-from porofsi_petsc.linalg.stopwatch import Stopwatch  # noqa: E402
-from porofsi_petsc.simulation.build import build_coupling, local_mesh  # noqa: E402
-from porofsi_petsc.simulation.loop import ABSENT_PREFIXES, Clock  # noqa: E402
-
 RECIPES = ROOT / "configs" / "petsc"
 SCENES = ROOT / "tests" / "scenes"
 BLOCKS = ("fluid", "solid", "mesh", "mixture")
@@ -152,23 +144,18 @@ def words_of(row):
 def run(table, row, changes):
     """Return (nodes, cells of the row) of the steps with a string of options (collective)."""
     scene = load_scene(table.scene, (*table.changes, *changes))
-    options.start(scene.petsc.options, words_of(row))
-    coupling, clock, sweeps = build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch()), Clock(scene.time), []
-    start = time.process_time()
-    for step in range(table.steps):
-        coupling.step(*clock.schemes(scene.model, scene.time.step), step * scene.time.step, step + 1)
-        coupling.accept()
-        sweeps.append(coupling.iterations)
-    seconds = time.process_time() - start
-    options.check_options(exempt_prefixes=ABSENT_PREFIXES)
-    return coupling.solid.mesh.n_global, (*_solvers(sweeps), seconds, sum(map(_factor, linear._living)))
+    with some_steps(scene, table.steps, words_of(row)) as done:
+        options.check_options(exempt_prefixes=ABSENT_PREFIXES)
+        solvers = done.solvers
+        memory = sum(map(_factor, solvers.values()))
+        return done.coupling.solid.mesh.n_global, (*_counts(solvers, done.sweeps), done.seconds, memory)
 
 
-def _solvers(sweeps):
+def _counts(solvers, sweeps):
     """Return iterations of the blocks, sweeps, and the times of all solvers."""
-    found = {solver.prefix.rstrip("_"): solver.iterations_mean for solver in linear._living}
-    times = (sum(getattr(solver, name) for solver in linear._living) for name in ("setup_time", "solve_time"))
-    return *(found.get(block, 0.0) for block in BLOCKS), float(np.mean(sweeps)), *times
+    iterations = (solvers[block].iterations_mean if block in solvers else 0.0 for block in BLOCKS)
+    times = (sum(getattr(solver, name) for solver in solvers.values()) for name in ("setup_time", "solve_time"))
+    return *iterations, float(np.mean(sweeps)), *times
 
 
 def _factor(solver):
@@ -180,14 +167,12 @@ def _factor(solver):
 
 
 def attempt(table, row, changes):
-    """Return what `run` does, or (None, why it failed); free its solvers (collective)."""
+    """Return what `run` does, or (None, why it failed) (collective)."""
     try:
         return run(table, row, changes)
     except ConvergenceError as error:
         return None, str(error).partition(";")[0]
     finally:
-        for solver in [*linear._living]:
-            solver.destroy()
         gc.collect()
 
 

@@ -9,30 +9,15 @@ steps.  The package starts from u of order 2 (1 without inertia), v_f of order 1
 """
 
 import argparse
-import sys
-import time
 from collections import deque
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
+from some_steps import some_steps
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from porofsi_petsc.linalg import options  # noqa: E402
-
-options.start()
-
-from mpi4py import MPI  # noqa: E402
-
-from porofsi_petsc import load_scene  # noqa: E402
-from porofsi_petsc.linalg.solver import _living  # noqa: E402
-from porofsi_petsc.linalg.stopwatch import Stopwatch  # noqa: E402
-from porofsi_petsc.phases.fluid import FluidPhase  # noqa: E402
-from porofsi_petsc.phases.solid import SolidPhase  # noqa: E402
-from porofsi_petsc.simulation.build import build_coupling, local_mesh  # noqa: E402
-from porofsi_petsc.simulation.loop import Clock  # noqa: E402
+from porofsi_petsc import load_scene
+from porofsi_petsc.phases.fluid import FluidPhase
+from porofsi_petsc.phases.solid import SolidPhase
 
 KEEP = "shipped"
 CHOICES = ((KEEP, KEEP, KEEP), (0, 0, 0), (1, 1, 0), (1, 1, 1), (2, 2, 1), (2, 2, 2), (KEEP, KEEP, 1), (KEEP, KEEP, 2))
@@ -80,21 +65,6 @@ def start_of_solid(order):
     return begin_step
 
 
-def run(scene, steps):
-    """Return the sweeps of every step and the CPU seconds of all."""
-    options.start(scene.petsc.options)
-    coupling, clock, sweeps = build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch()), Clock(scene.time), []
-    start = time.process_time()
-    for step in range(steps):
-        coupling.step(*clock.schemes(scene.model, scene.time.step), step * scene.time.step, step + 1)
-        coupling.accept()
-        sweeps.append(coupling.iterations)
-    seconds = time.process_time() - start
-    for solver in [*_living]:
-        solver.destroy()
-    return sweeps, seconds
-
-
 def main():
     """Measure every choice of orders."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -105,10 +75,10 @@ def main():
     scene = load_scene(given.scene, given.changes)
     for u, v, p in CHOICES:
         fluid = mock.patch.object(FluidPhase, "begin_step", start_of_fluid(v, p))
-        with fluid, mock.patch.object(SolidPhase, "begin_step", start_of_solid(u)):
-            sweeps, seconds = run(scene, given.steps)
-        counted = sweeps[FIRST:]
-        print(f"{u!s:8}{v!s:8}{p!s:8} {np.mean(counted):5.2f} {max(counted):3d} {seconds:7.2f}", flush=True)
+        solid = mock.patch.object(SolidPhase, "begin_step", start_of_solid(u))
+        with fluid, solid, some_steps(scene, given.steps) as done:
+            counted = done.sweeps[FIRST:]
+        print(f"{u!s:8}{v!s:8}{p!s:8} {np.mean(counted):5.2f} {max(counted):3d} {done.seconds:7.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -41,9 +41,9 @@ def _candidates(X, points, reach):
 
     The closest node bounds the distance; a facet reaches no farther from its centroid than its radius.
     """
-    centroids, radius = X.mean(axis=1), (1 + ROUND_OFF) * reach * facet_sizes(X) / 2
     from scipy.spatial import cKDTree  # slow to import; matching meshes need none
 
+    centroids, radius = X.mean(axis=1), (1 + ROUND_OFF) * reach * facet_sizes(X) / 2
     bound, _ = cKDTree(X.reshape(-1, X.shape[2])).query(points)
     lists = cKDTree(centroids).query_ball_point(points, bound + radius.max(), return_sorted=True)
     point = np.repeat(np.arange(len(points)), [len(facets) for facets in lists])

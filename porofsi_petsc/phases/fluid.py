@@ -196,7 +196,7 @@ class FluidPhase:
         volume_terms = dict(zip(kernel.VOLUME_TERMS, volume[..., None], strict=True))
         momentum_terms["traction"], volume_terms["flux"] = -self._traction, self._flux
         for boundary in self._setup.open_boundaries:
-            boundary.add_to(momentum_terms["traction"], skeleton.displacement, fields.v, fields.c)
+            boundary.add_to(momentum_terms["traction"], skeleton.displacement, fields.nodal.v, fields.nodal.c)
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self._setup.velocity_free)
         return self._momentum, Residual(comm, volume_terms, self._setup.pressure.free)
@@ -243,7 +243,8 @@ class FluidPhase:
         return self._fields(skeleton, self._level(self.v, self._v1), self._acceleration(), self._p1, self._b)
 
     def _fields(self, skeleton, v, a, p, b):
-        return NodalFlow(self.domain, v, a, v - skeleton.mesh_velocity, skeleton.velocity, p, p - self._p0, b)
+        c, dp = v - skeleton.mesh_velocity, p - self._p0
+        return NodalFlow(self.domain, kernel.FlowFields(v, a, c, skeleton.velocity, p, dp, b))
 
     @property
     def _no_body(self):
@@ -357,7 +358,7 @@ class FluidPhase:
 
     def _assemble_pressure(self, skeleton, rates, fields):
         """Make the operators that precondition the pressure at the state of the tangent."""
-        speed = np.linalg.norm(fields.c[self.domain.holds], axis=-1).max(initial=0.0)
+        speed = np.linalg.norm(fields.nodal.c[self.domain.holds], axis=-1).max(initial=0.0)
         speed = self.mesh.comm.allreduce(float(speed), MPI.MAX)
         diagonal = self._matrix.mat.getDiagonal().getArray()[self.mesh.dim :: self.components]
 
@@ -375,7 +376,7 @@ class FluidPhase:
             if split == "corrected":
                 self._add_skeleton_answer(K, elements, self._setup.materials[region], skeleton, rates, chunk)
             for boundary in self._setup.open_boundaries:
-                boundary.add_tangent(K, chunk, skeleton.displacement, fields.v, fields.c)
+                boundary.add_tangent(K, chunk, skeleton.displacement, fields.nodal.v, fields.nodal.c)
             yield chunk, K
 
     def trial_tangents(self, rates, skeleton):
