@@ -241,8 +241,10 @@ def main():
         print(json.dumps(own_row(labels[0], runs[labels[0]])))
         return
     peers = dict(peer.split("=", 1) for peer in options.peer)
+    words = [options.case, "--rounds", str(options.rounds), *(["--only", *options.only] if options.only else [])]
+    words += [word for label in peers for word in ("--peer", f"{label}=COMMAND")]
     rows = measure(options.case, labels, peers, options.rounds, next(iter(runs.values())).error)
-    write(options.case, rows, f"scripts/bench_peers.py {options.case} --rounds {options.rounds}", options.output)
+    write(options.case, rows, f"scripts/bench_peers.py {shlex.join(words)}", options.output)
 
 
 if __name__ == "__main__":
