@@ -77,11 +77,14 @@ def swing_error(summary, history):
 
 
 def terzaghi():
-    """Return two accuracies on a square and on a strip of one column of elements: the solution depends on y alone."""
-    scene, fine = str(ROOT / "scripts" / "terzaghi_square.toml"), ("time.step=0.1", "time.growth=1.5", "time.max_step=4")
-    strip = ("mesh.x.cells=[1]",)
-    runs = {"P2 8 x 8": (), "P2 8 x 8, short steps": fine, "P2 1 x 8": strip, "P2 1 x 8, short steps": strip + fine}
-    return {label: Own(scene, changes, pressure_error) for label, changes in runs.items()}
+    """Return two accuracies, cells and steps of equal error each, on a square and on a strip: the solution depends on y alone."""
+    scene = str(ROOT / "scripts" / "terzaghi_square.toml")
+    runs = {}
+    for cells, steps in ((5, ()), (6, ("time.step=0.1", "time.growth=1.5", "time.max_step=4"))):
+        for columns in (cells, 1):
+            changes = (f"mesh.x.cells=[{columns}]", f"mesh.y.cells=[{cells}]", *steps)
+            runs[f"P2 {columns} x {cells}{', short steps' if steps else ''}"] = Own(scene, changes, pressure_error)
+    return runs
 
 
 def fsi1():
