@@ -103,7 +103,14 @@ def test_a_wrong_split_is_detected(monkeypatch):
 
 
 @pytest.mark.parametrize("scheme", ["quasi_direct", "direct"])
-@pytest.mark.parametrize("scene, overrides", [("pulse2d", PULSE), ("column_harmonic", ("mesh.y.cells=[9, 4]",))])
+@pytest.mark.parametrize(
+    "scene, overrides",
+    [
+        ("pulse2d", PULSE),
+        ("column_harmonic", ("mesh.y.cells=[9, 4]",)),
+        ("pulse3d", ("mesh.x.cells=[1, 3]", "mesh.y.cells=[1, 3]", "mesh.z.cells=[4]")),  # iterative
+    ],
+)
 def test_a_restart_goes_on_identically(tmp_path, scene, overrides, scheme):
     common = (*overrides, f"coupling.scheme={scheme}", "time.step=1e-3", "output.checkpoint_every=2")
     for name, end, restart in (("whole", 0.004, None), ("first", 0.002, None), ("second", 0.004, "first")):

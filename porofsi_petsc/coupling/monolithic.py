@@ -22,7 +22,9 @@ class MonolithicCoupling(Medium):
         return [self.mixture.solver] if self.mixture.solver else []
 
     def _begin(self, t, rates, accepted):
-        """Do nothing: the predictors are the phases'."""
+        """Start every step of a nonlinear problem with a new preconditioner, since a restart has no other."""
+        if self.mixture.solver and not (self.solid.is_linear and self.fluid.is_linear):
+            self.mixture.solver.refactor()
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         self.mixture.correct(solid_residual, fluid_residuals, rates)

@@ -10,7 +10,7 @@ from ..compiled import plain, specialized
 from ..errors import ConvergenceError
 from .geometry import Geometry, Rule, SecondDerivatives, element_size, geometry
 
-CHUNK_BYTES = 2_000_000  # element matrices of one chunk; about the size of a core's second-level cache
+CHUNK_BYTES = 4_000_000  # element matrices of one chunk: vectors of a residual stay in the second-level cache, calls are few
 
 
 class Domain:

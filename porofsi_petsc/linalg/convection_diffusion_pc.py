@@ -9,7 +9,7 @@ class PressureConvectionDiffusion:
     The inverses are KSPs of their own with a fixed linear operator, a multigrid cycle by default, with the options
     `<prefix of the block>compliance_` (Q) and `<prefix of the block>laplacian_` (L).  The matrices are the caller's, given to
     `replace` before every set-up and not freed here.
-    A KSP that scales the matrix to a unit diagonal asks for D^½ S⁻¹ D^½, D the diagonal of the pressure's block.
+    The matrix scaled to a unit diagonal asks for D^½ S⁻¹ D^½, D the diagonal of the pressure's block.
     """
 
     def __init__(self):

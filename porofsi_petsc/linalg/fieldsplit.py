@@ -14,8 +14,8 @@ diag(A)^-1 (`selfp`; not from row sums, which vanish at the vertices of quadrati
 In a free fluid (no s, no B_m) tau is the size of A^-1 at the scale of the mesh only, and C far too small for longer waves where
 the Courant number or nu dt/h^2 is large.  There `convection_diffusion_pc` stands for the inverse of the Schur complement.
 
-Scaling: the residual mixes N and m³/s; at dt = 1e-4 s rtol was met with a pressure wrong by 70 %.  The KSP therefore scales the
-matrix symmetrically to a unit diagonal, and `pressure_pc` undoes it for the multigrid, which wants the constants.
+Scaling: the residual mixes N and m³/s; at dt = 1e-4 s rtol was met with a pressure wrong by 70 %.  `LinearSolver` therefore
+scales the matrix symmetrically to a unit diagonal, and `pressure_pc` undoes it for the multigrid, which wants the constants.
 
 Bounds of the iterations by mesh, step and permeability: tests/test_solvers.py, tests/test_solvers_free.py.
 """
@@ -27,14 +27,14 @@ from .options import has_package
 from .solver import direct_defaults
 
 _PRESSURE = {"pc_type": "python", "pc_python_type": "porofsi_petsc.linalg.pressure_pc.PressureMultigrid"}
-_GAMG = {"pc_type": "gamg", "mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"}
+# PETSc's default keeps the first interpolation for good; a restart has none and would go on differently
+_INTERPOLATION = {"pc_gamg_reuse_interpolation": "false"}
+_GAMG = {"pc_type": "gamg", "mg_levels_ksp_type": "richardson", "mg_levels_pc_type": "sor"} | _INTERPOLATION
 _FIELDSPLIT = {
     "ksp_type": "fgmres",
     "ksp_rtol": 1e-5,  # the coupling takes as many sweeps as with a factorization; with 1e-4 some more on 3-D quadratic meshes
     "ksp_max_it": 500,
     "ksp_gmres_restart": 100,
-    "ksp_diagonal_scale": None,
-    "ksp_diagonal_scale_fix": None,
     "pc_type": "fieldsplit",
     "pc_fieldsplit_type": "schur",
     "pc_fieldsplit_schur_fact_type": "upper",
@@ -72,7 +72,7 @@ def solid_defaults(dim: int, direct: bool, symmetric: bool = True) -> dict[str, 
     factor = direct_defaults(symmetric) if direct else None
     if factor is not None:
         return factor
-    return {"ksp_type": "cg" if symmetric else "gmres", "ksp_rtol": 1e-4, "ksp_max_it": 1000, "pc_type": "gamg"}
+    return {"ksp_type": "cg" if symmetric else "gmres", "ksp_rtol": 1e-4, "ksp_max_it": 1000, "pc_type": "gamg"} | _INTERPOLATION
 
 
 def mixture_defaults(direct: bool) -> dict[str, object]:

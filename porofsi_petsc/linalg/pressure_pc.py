@@ -12,7 +12,7 @@ only the tie.  In the variables (p, q = p - s) the tie is a mass matrix in q alo
 
 On large steps B_L >> B_m, and there (p, s) are the decoupled ones.  The mean tie decides for the whole mesh: nodes with different
 pairs side by side cost more than the wrong pair (a choice node by node took up to 76 iterations on quadratic triangles).
-The KSP solves for D^½ x, scaled to a unit diagonal, in which the constants that multigrid wants are not constant: W = D^½ T.
+`LinearSolver` solves for D^½ x (a unit diagonal), in which the constants that multigrid wants are not constant: W = D^½ T.
 """
 
 import numpy as np

@@ -4,6 +4,8 @@ Alone in serial (`-solid_pc_type python -solid_pc_python_type porofsi_petsc.lina
 (`-solid_pc_type bjacobi -solid_sub_pc_type python -solid_sub_pc_python_type porofsi_petsc.linalg.pyamg_pc.PyAMG`).
 """
 
+from contextlib import contextmanager
+
 import numpy as np
 from scipy.sparse import csr_matrix
 
@@ -38,4 +40,16 @@ def _hierarchy(matrix):
     space = matrix.getNearNullSpace()
     columns = [v.getArray(readonly=True).copy() for v in space.getVecs()] if space.handle else []
     B = np.column_stack(columns) if columns else np.kron(np.ones((A.shape[0] // size, 1)), np.eye(size))
-    return smoothed_aggregation_solver(A.tobsr((size, size)), B=B).aspreconditioner()
+    with _fixed_seed():
+        return smoothed_aggregation_solver(A.tobsr((size, size)), B=B).aspreconditioner()
+
+
+@contextmanager
+def _fixed_seed():
+    """Let pyamg, which starts its power iterations with NumPy's global generator, make the same of the same matrix."""
+    state = np.random.get_state()  # noqa: NPY002
+    np.random.seed(0)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(state)  # noqa: NPY002

@@ -32,18 +32,20 @@ class LinearSolver:
     prefix         : options prefix of the KSP and of the matrix (MUMPS' options hang on the matrix)
     defaults       : options (without the prefix) for what the user leaves open
     near_nullspace : arrays of the owned rows (`rigid_body_modes`), for algebraic multigrid
-    fields         : dict name -> PETSc.IS, the splits of a FieldSplit preconditioner; "p" gets the scaled constants as its
-                     near-null space (`pressure_pc`)
+    fields         : dict name -> PETSc.IS, the splits of a FieldSplit preconditioner, where the unknowns differ in kind
     preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no -pc_python_type is given:
                      of the whole matrix, or of the field "p" of a FieldSplit
+
+    Scaling.  With fields an iterative solver works on D^-½ A D^-½ with a unit diagonal, since rtol must weigh newtons and cubic
+    metres per second.  The matrix is scaled in place, once for every assembly (PETSc's -ksp_diagonal_scale with _fix does it
+    twice in every solve, which takes a sixth of the time and the last digits); the field "p" gets D^½ 1 as its near-null space.
 
     Reuse rule.  After `update` an iterative solver keeps its old preconditioner as long as the last solve took at most
     1.5 n + 2 iterations, n the number at the first solve after it was built; then, or when a solve with it fails, it is
     rebuilt.  Measured on 3-D elasticity with GAMG: the total time of a Newton sequence halves, since a set-up costs about as
     much as ten iterations; the 2 keeps solvers with few iterations from being rebuilt over one more.  A direct solver factors
     after each `update`; who wants the old factor (modified Newton) does not call it.
-    Subdomain solvers of block Jacobi are outside the rule: PETSc lets them see the diagonal block itself, so they follow every
-    change of the matrix (cheap for ILU, a new hierarchy for pyamg).
+    Subdomain solvers of block Jacobi can be ahead of the rule: PETSc lets them see the diagonal block itself.
 
     solves, iterations (of every solve), factorizations (set-ups of the preconditioner), setup_time, solve_time [s].
     """
@@ -68,9 +70,8 @@ class LinearSolver:
         if near_nullspace:
             set_near_nullspace(matrix, near_nullspace)
         self._x, self._b = matrix.createVecs()
-        self._pressure = fields.get("p") if fields else None
-        self._constants = _pressure_constants(matrix, prefix, self._pressure)
         self.ksp, self._preconditioner = _make_ksp(matrix, prefix, fields), preconditioner
+        self._scaling = DiagonalScaling(matrix, fields.get("p")) if fields and not self.direct else None
         if self.preconditioned_by_object and not self._splits:
             self.ksp.getPC().setPythonContext(preconditioner)
         _living.append(self)
@@ -122,9 +123,11 @@ class LinearSolver:
 
         Raise ConvergenceError when the solver does not converge with a new preconditioner either.
         """
+        fresh = self._set_up()
         with self._b as b:
             b[:] = np.ravel(rhs)
-        fresh = self._set_up()
+        if self._scaling:
+            self._scaling.apply(self._b)
         iterations, reason = self._run()
         if reason <= 0 and not fresh:
             self.refactor()
@@ -136,11 +139,13 @@ class LinearSolver:
         self.iterations.append(iterations)
         if fresh:
             self._build_iterations = iterations
+        if self._scaling:
+            self._scaling.apply(self._x)
         return self._x.getArray(readonly=True).copy()
 
     def destroy(self) -> None:
         """Free the PETSc objects of the solver, not the matrix (collective)."""
-        for thing in (self.ksp, self._x, self._b, *self._constants):
+        for thing in (self.ksp, self._x, self._b, *([self._scaling] if self._scaling else [])):
             thing.destroy()
         if self in _living:
             _living.remove(self)
@@ -153,6 +158,7 @@ class LinearSolver:
     def _set_up(self):
         """Give the KSP the present matrix; return whether the preconditioner was built anew."""
         if not self._changed:
+            self.ksp.getPC().setReusePreconditioner(True)  # new values count when `update` says so
             return False
         start, fresh = time.perf_counter(), self._rebuild
         with stage("factorization"):
@@ -164,20 +170,19 @@ class LinearSolver:
 
     def _give_matrix(self, fresh):
         """Set the operators and, where it is to be fresh, the preconditioner."""
-        if fresh:
-            self._set_constants()
+        if self._scaling:
+            self._scaling.scale()
         self.ksp.setOperators(self.matrix)
         self.ksp.getPC().setReusePreconditioner(not fresh)
         try:
             self.ksp.setUp()
             if fresh:
                 self._prepare_pressure()
-                self.ksp.setUpOnBlocks()
+                self.ksp.setUpOnBlocks()  # counts as set-up instead of as a part of the first solve
         except PETSc.Error as error:
             if error.ierr in _MISSING:
                 raise _missing(self.prefix, error) from error
             raise ConvergenceError(f"linear solver {self.prefix}: its set-up failed: {_text(error)}") from error
-        self.ksp.getPC().setReusePreconditioner(True)
 
     def _prepare_pressure(self):
         """Let the given object act on the pressure's block, which a FieldSplit makes in its first set-up."""
@@ -185,17 +190,6 @@ class LinearSolver:
             block = self.ksp.getPC().getFieldSplitSubKSP()[1].getPC()
             if block.getPythonContext() is not self._preconditioner:
                 block.setPythonContext(self._preconditioner)
-
-    def _set_constants(self):
-        """Set the near-null space of the pressure block, D^½ 1 under the scaling to a unit diagonal (collective)."""
-        for vector in self._constants:
-            root = self.matrix.getDiagonal()
-            root.sqrtabs()
-            field = root.getSubVector(self._pressure)
-            field.copy(vector)
-            root.restoreSubVector(self._pressure, field)
-            root.destroy()
-            vector.normalize()
 
     def _run(self):
         """Return the iterations and the converged reason; a direct solve that is not finite counts as diverged."""
@@ -253,18 +247,49 @@ def _attach(matrix, columns):
         thing.destroy()
 
 
-def _pressure_constants(matrix, prefix, pressure):
-    """Return [vector] for the near-null space of the pressure block, [] where the KSP does not scale.
+class DiagonalScaling:
+    """D^-½ of a matrix, and the near-null space D^½ 1 of its field "p"."""
 
-    PETSc hands what an index set carries under this name to the block it extracts.
-    """
-    if pressure is None or not PETSc.Options().getBool(prefix + "ksp_diagonal_scale", False):
-        return []
-    vector = PETSc.Vec().createMPI((pressure.getLocalSize(), PETSc.DETERMINE), comm=matrix.comm)
-    space = PETSc.NullSpace().create(vectors=[vector], comm=matrix.comm)
-    pressure.compose("nearnullspace", space)
-    space.destroy()
-    return [vector]
+    def __init__(self, matrix, pressure):
+        """Let the blocks that PETSc extracts with the index set of the pressure (or None) carry the constants."""
+        self._matrix, self._pressure, self._state = matrix, pressure, None
+        self._factor = matrix.createVecRight()
+        self._constants = None
+        if pressure:
+            self._constants = PETSc.Vec().createMPI((pressure.getLocalSize(), PETSc.DETERMINE), comm=matrix.comm)
+            space = PETSc.NullSpace().create(vectors=[self._constants], comm=matrix.comm)
+            pressure.compose("nearnullspace", space)
+            space.destroy()
+
+    def scale(self):
+        """Scale the matrix to a diagonal of ±1, unless its values are those that were scaled before (collective)."""
+        if self._matrix.stateGet() == self._state:
+            return
+        self._matrix.getDiagonal(self._factor)
+        self._factor.sqrtabs()
+        with self._factor as root:
+            root[root == 0] = 1.0
+        if self._pressure:
+            self._set_constants()
+        self._factor.reciprocal()
+        self._matrix.diagonalScale(self._factor, self._factor)
+        self._state = self._matrix.stateGet()
+
+    def _set_constants(self):
+        field = self._factor.getSubVector(self._pressure)
+        field.copy(self._constants)
+        self._factor.restoreSubVector(self._pressure, field)
+        self._constants.normalize()
+
+    def apply(self, vector):
+        """Scale a right-hand side, or what the scaled system gives."""
+        vector.pointwiseMult(vector, self._factor)
+
+    def destroy(self):
+        """Free the vectors (collective)."""
+        for vector in (self._factor, self._constants):
+            if vector:
+                vector.destroy()
 
 
 def _make_ksp(matrix, prefix, fields):
