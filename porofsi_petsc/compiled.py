@@ -84,8 +84,8 @@ def specialized(make):
     """Return a function (*sizes) -> compiled loop, from one (*sizes) -> loop over elements, made and kept for every set of sizes.
 
     Machine code is read from disk or compiled and written at the first call.  Every set has files of its own, which Numba
-    replaces atomically; of the ranks on a machine one compiles while the others wait to read.  Where nothing can be written,
-    every process compiles for itself.
+    replaces atomically; of the ranks on a machine one compiles while the others wait to read.  Damaged files are replaced.  Where
+    nothing can be written, every process compiles for itself.
     """
 
     @cache
@@ -93,7 +93,7 @@ def specialized(make):
     def of_sizes(*sizes):
         loop = make(*sizes)
         loop.__qualname__ = "_".join([make.__name__, *map(str, sizes)])
-        return _Loop(_compile_cached(loop), CACHE_FOLDER / f"{loop.__qualname__}.lock")
+        return _Loop(loop)
 
     return of_sizes
 
@@ -101,45 +101,73 @@ def specialized(make):
 class _Loop:
     """A compiled loop whose first call is the only one of its kind on this machine at that time."""
 
-    def __init__(self, compiled, lock):
-        self.compiled, self._lock, self._ready = compiled, lock, False
+    def __init__(self, loop):
+        self.compiled, self._ready = numba.njit(loop, **OPTIONS), False
 
     def __call__(self, *arguments):
-        if self._ready:
-            return self.compiled(*arguments)
-        with _alone(self._lock):
-            try:
-                self.compiled.compile(tuple(map(self.compiled.typeof_pyval, arguments)))
-            except (OSError, EOFError, pickle.UnpicklingError):  # a full disk, or a damaged file of the cache
-                self.compiled = numba.njit(self.compiled.py_func, **OPTIONS)
-        self._ready = True
+        if not self._ready:
+            self._compile(tuple(map(self.compiled.typeof_pyval, arguments)))
         return self.compiled(*arguments)
+
+    def _compile(self, signature):
+        """Read or make the machine code for some types of arguments."""
+        loop = self.compiled.py_func
+        with _alone(CACHE_FOLDER / f"{loop.__qualname__}.lock"):
+            for attempt in (_read_or_compile, _compile_anew) if _can_write() else ():
+                try:
+                    self.compiled = attempt(loop, signature)
+                    break
+                except (OSError, EOFError, pickle.UnpicklingError):  # a damaged file of the cache; a full disk, which stays full
+                    continue
+        self._ready = True
+
+
+def _read_or_compile(loop, signature):
+    users, config.CACHE_DIR = config.CACHE_DIR, str(CACHE_FOLDER)
+    try:
+        compiled = numba.njit(loop, **OPTIONS, cache=True)
+        compiled.compile(signature)
+    finally:
+        config.CACHE_DIR = users
+    return compiled
+
+
+def _compile_anew(loop, signature):
+    for file in CACHE_FOLDER.rglob(f"*.{loop.__qualname__}-*.nb?"):
+        file.unlink(missing_ok=True)
+    return _read_or_compile(loop, signature)
+
+
+@cache
+def _can_write():
+    """Return whether machine code can be kept; Numba would go on to a place where it may find that of another version."""
+    try:
+        CACHE_FOLDER.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(CACHE_FOLDER, os.W_OK)
+
+
+def compilation_notice():
+    """Return a sentence about the time that compilation will take, an empty one where there is machine code already."""
+    text = "the element routines are compiled first, up to a minute"
+    if not _can_write():
+        return f"{text}; {CACHE_FOLDER} cannot be written to keep them, set NUMBA_CACHE_DIR"
+    return "" if any(CACHE_FOLDER.rglob("*.nbi")) else f"{text}, and kept in {CACHE_FOLDER}"
 
 
 @contextmanager
 def _alone(lock):
     """Hold a file's lock, which the system takes back from a process that dies; nothing where there can be no such file."""
-    try:
-        file = open(lock, "a")
-    except OSError:
+    if not _can_write():
         yield
         return
-    with file:
+    with open(lock, "a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX)
         except OSError:  # a file system without locks: every process compiles, with the same result
             pass
         yield
-
-
-def _compile_cached(loop):
-    users, config.CACHE_DIR = config.CACHE_DIR, str(CACHE_FOLDER)
-    try:
-        return numba.njit(loop, **OPTIONS, cache=True)
-    except RuntimeError:  # no place that can be written
-        return numba.njit(loop, **OPTIONS)
-    finally:
-        config.CACHE_DIR = users
 
 
 def plain(array):

@@ -151,7 +151,7 @@ def summary(records):
     lines = [
         "# Solvers of the displacement",
         "",
-        "    scripts/bench_solid.py",
+        "    python scripts/bench_solid.py",
         "",
         f"{versions}, Python {platform.python_version()}, {os.cpu_count()} cores that others used too: CPU seconds, largest of",
         "the ranks. First system of `pulse2d` and `pulse3d`; every solver a file of `configs/petsc` (solid_…, MUMPS: direct).",

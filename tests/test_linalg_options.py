@@ -147,6 +147,14 @@ def test_an_options_file_with_a_blank_in_its_path_is_refused(tmp_path):
         options.start("", ["-options_file", str(file)])
 
 
+def test_an_options_file_of_bytes_is_refused(tmp_path):
+    """PETSc takes it for one of its own and finds nothing in it."""
+    file = tmp_path / "solver.opt"
+    file.write_bytes(b"-ksp_rtol 1e-3\0\1\2")
+    with pytest.raises(InputError, match="solver.opt is no text"):
+        options.start("", ["-options_file", str(file)])
+
+
 def test_a_file_that_holds_no_options_is_refused_by_name(tmp_path):
     """PETSc reads it as it starts: in a process of its own."""
     file = tmp_path / "no.opt"

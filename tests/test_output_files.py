@@ -231,7 +231,21 @@ def test_progress_prints_few_lines_when_redirected(monkeypatch):
         display.update(step, step / 1000, 3)
     display.close()
     lines = stream.getvalue().splitlines()
-    assert 20 <= len(lines) <= 22 and "left" in lines[0] and lines[-1].startswith("t = 1 s of 1 s, step 1000, 3 coupling")
+    assert 20 <= len(lines) <= 22 and lines[-1].startswith("t = 1 s of 1 s, step 1000, 3 coupling")
+    assert "left" not in lines[0] and all("left" in line for line in lines[1:])
+
+
+def test_time_left_is_estimated_without_the_first_step(monkeypatch):
+    """A first step of 60 s, which compiles, and nine of 2 s."""
+    now = iter([60.0, 62.0, 64.0])
+    monkeypatch.setattr(progress.clock, "monotonic", lambda: next(now))
+    shown = []
+    display = progress.Progress(1.0, quiet=True)
+    monkeypatch.setattr(display, "_show", SimpleNamespace(send=lambda what: shown.append(what[0])))
+    for step in (1, 2, 3):
+        display.update(step, step / 10, 4)
+    assert shown[0].endswith("step 1, 4 coupling iterations")
+    assert [text.rsplit(", ", 1)[1] for text in shown[1:]] == ["16 s left", "14 s left"]
 
 
 @pytest.mark.parametrize("choice", [{"quiet": True}, {"rank": 1}])

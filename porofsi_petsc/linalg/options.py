@@ -120,6 +120,9 @@ def _check_files(words):
             if word is None or not os.path.isfile(word):
                 received = "nothing" if word is None else f"no file {word!r}"
                 raise InputError(f"PETSc options: {received} (after -options_file); give the path of an existing file")
+            with open(word, "rb") as file:
+                if b"\0" in file.read(4096):  # PETSc would read it as one of its own and find nothing
+                    raise InputError(f"PETSc options: {word} is no text (after -options_file); give a file of lines -NAME VALUE")
             if " " in word:
                 raise InputError(f"PETSc options: PETSc reads no path with a blank, {word!r} (after -options_file); rename it")
 

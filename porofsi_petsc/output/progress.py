@@ -18,7 +18,7 @@ class Progress:
         """
         stream = stream or sys.stdout
         is_terminal = stream.isatty() if is_terminal is None else is_terminal
-        self.start, self.end, self.began = start_time, total_time, clock.monotonic()
+        self.start, self.end, self._first = start_time, total_time, None
         show = _nothing if quiet or rank else _live_line if is_terminal else _plain_lines
         self._show = show(stream)
         next(self._show)
@@ -26,11 +26,18 @@ class Progress:
     def update(self, step, time, iterations):
         """Show the accepted step, its time [s] and its coupling iterations."""
         share = (time - self.start) / (self.end - self.start) if self.end > self.start else 1.0
-        elapsed = clock.monotonic() - self.began
-        left = elapsed / share - elapsed if share > 0 else None
         count = f"{iterations} coupling iteration{'s' if iterations != 1 else ''}"
-        text = f"t = {time:.6g} s of {self.end:.6g} s, step {step}, {count}, {_duration(left)} left"
+        text = f"t = {time:.6g} s of {self.end:.6g} s, step {step}, {count}{self._left(time)}"
         self._show.send((text, share))
+
+    def _left(self, time):
+        """Return what is left by the pace since the first step, which compiles and makes all matrices."""
+        now = clock.monotonic()
+        if self._first is None:
+            self._first = time, now
+            return ""
+        first, then = self._first
+        return f", {_duration((self.end - time) / (time - first) * (now - then))} left"
 
     def close(self):
         """End the display and give the terminal back."""
@@ -71,8 +78,6 @@ def _live_line(stream):
 
 
 def _duration(seconds):
-    if seconds is None:
-        return "unknown time"
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {seconds:02d} s" if minutes else f"{seconds} s"

@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 from mpi4py import MPI
 
+from ..compiled import compilation_notice
 from ..config import scene_to_toml
 from ..errors import ExpectationError
 from ..linalg.stopwatch import Stopwatch
@@ -37,7 +38,7 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     directory : results (pathlib.Path); restart : checkpoint file or None; max_time : wall time [s] or None.
     Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError; whatever was accepted before is on disk.
     """
-    comm, stopwatch = MPI.COMM_WORLD, Stopwatch()
+    comm, stopwatch, notice = MPI.COMM_WORLD, Stopwatch(), compilation_notice()
     if restart is not None:
         on_root(comm, read_header, restart)
     with stopwatch.measure("setup"):
@@ -46,6 +47,8 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
         measures = Measures(scene, coupling, materials_of(scene, mesh))
     prepare(directory, force, restart, comm)
     start_log(directory, comm.rank, quiet)
+    if notice:
+        logger.info(notice)
     try:
         summary = _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, max_time)
     finally:
