@@ -9,10 +9,10 @@ import pytest
 
 def test_a_run_of_ours_has_its_error_and_its_time():
     """A strip of quadratic elements is within the 1.5e-3 that the page compares at; exact: Terzaghi's series."""
-    row, history = bench_peers.own_row("strip", bench_peers.terzaghi()["P2 1 x 8"])
+    row, history = bench_peers.own_row("strip", bench_peers.terzaghi()["P2 1 x 5"])
     print(row)
     assert 1e-4 < row["error"] < 1.5e-3
-    assert row["steps"] < 20 and row["unknowns"] == 255 and 0 < row["seconds"] < row["process"]
+    assert row["steps"] < 20 and row["unknowns"] == 165 and 0 < row["seconds"] < row["process"]
     assert history["t"][-1] == pytest.approx(90.0)
 
 
