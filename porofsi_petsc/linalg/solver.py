@@ -64,7 +64,7 @@ class LinearSolver:
         self.factorizations = 0
         self.setup_time = self.solve_time = 0.0
         self._build_iterations: int | None = None
-        self._changed = self._rebuild = True
+        self._changed = self._rebuild = self._replaced = True
         set_defaults(prefix, defaults)
         matrix.setOptionsPrefix(prefix)
         if near_nullspace:
@@ -111,11 +111,15 @@ class LinearSolver:
     def update(self, matrix_changed: bool = True) -> None:
         """Say that the values of the matrix have changed; the reuse rule decides about the preconditioner."""
         if matrix_changed:
-            self._changed = True
+            self._changed = self._replaced = True
             self._rebuild = self._rebuild or self.direct or self._worn()
 
     def refactor(self) -> None:
-        """Build the preconditioner, or the factor, anew at the next solve."""
+        """Build the preconditioner, or the factor, anew at the next solve, of new values of the matrix or of the same."""
+        self._replaced = True
+        self._renew()
+
+    def _renew(self):
         self._changed = self._rebuild = True
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
@@ -130,7 +134,7 @@ class LinearSolver:
             self._scaling.apply(self._b)
         iterations, reason = self._run()
         if reason <= 0 and not fresh:
-            self.refactor()
+            self._renew()
             fresh = self._set_up()
             more, reason = self._run()
             iterations += more
@@ -170,8 +174,9 @@ class LinearSolver:
 
     def _give_matrix(self, fresh):
         """Set the operators and, where it is to be fresh, the preconditioner."""
-        if self._scaling:
+        if self._scaling and self._replaced:
             self._scaling.scale()
+        self._replaced = False
         self.ksp.setOperators(self.matrix)
         self.ksp.getPC().setReusePreconditioner(not fresh)
         try:
@@ -203,7 +208,7 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), reason
 
     def _raise(self, reason):
-        self.refactor()
+        self._renew()
         text = _REASONS.get(int(reason), str(reason))
         raise ConvergenceError(
             f"linear solver {self.prefix} ({self.ksp.getType()}, {self.ksp.getPC().getType()}) failed with {text} after "
