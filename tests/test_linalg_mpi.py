@@ -92,6 +92,22 @@ def test_fieldsplit_agrees_with_the_dense_solution(dim, has_auxiliary):
     A.destroy()
 
 
+def test_fieldsplit_is_right_again_after_it_failed():
+    """The matrix, scaled in place, is not scaled a second time for another attempt."""
+    block = FluidBlock(COMM, 2, 6, has_auxiliary=True)
+    A = block.matrix("fluid_")
+    fields = fluid_fields(COMM, block.first_node, block.n_owned_nodes, 2, block.block_size)
+    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(2, direct=False) | TIGHT, fields=fields)
+    first = gathered(solver.solve(block.load()))
+    solver.ksp.setTolerances(max_it=1)
+    with pytest.raises(ConvergenceError):
+        solver.solve(block.load())
+    solver.ksp.setTolerances(max_it=500)
+    assert np.array_equal(gathered(solver.solve(block.load())), first)
+    solver.destroy()
+    A.destroy()
+
+
 @pytest.mark.parametrize("viscous", [False, True])
 def test_fieldsplit_stays_right_while_the_matrix_changes_under_its_preconditioner(viscous):
     block = FluidBlock(COMM, 2, 5, has_auxiliary=True)
