@@ -8,7 +8,7 @@ and four, 25 000 unknowns per rank on one to eight, and a run of fifty steps wit
 With --unknowns (and --ranks, --steps, --set) those runs alone, printed and not written.
 
 Unknowns are displacement (of a free fluid's mesh too), velocity and pressure; auxiliary fields do not count.  A run takes S steps
-(2) after its start with the scene's own options: first (all matrices made) and later ones (the mean), without what is written.
+(3) after its start with the scene's own options: first (all matrices made) and later ones (the mean), without what is written.
 CPU: the largest of the ranks.
 Assembly and residual: both phases again at the end, values only, the least of three.
 Memory: largest resident size of every rank since it started (raw) and without that of Python with its imports; after the start
@@ -41,7 +41,7 @@ SIZES = (10_000, 30_000, 100_000, 200_000, 500_000, 1_000_000, 2_000_000)
 FIXED, FIXED_RANKS = 500_000, (1, 2, 4)
 WEAK, WEAK_RANKS = 25_000, (1, 2, 4, 8)
 LONG, LONG_STEPS = 100_000, 50
-STEPS = 2
+STEPS = 3
 LIMIT = 900  # of a run [s]
 BUSY = os.getloadavg()[0]  # when this process began
 REPEATS = 3  # of an assembly

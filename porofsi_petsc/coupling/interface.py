@@ -136,6 +136,10 @@ class _Sweep(PartitionedMedium):
         self._conditions.prepare(self.fluid, self.solid, rates)
         super()._begin(t, rates, accepted)
 
+    def _slow(self, iteration):
+        """Return whether slow sweeps call for new tangents: once in a step, for what is slow after that is the coupling."""
+        return self._renewed_at == 0 and super()._slow(iteration)
+
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         self._renew_tangents(iteration, rates)
         before = self.solid.unknowns[self._rows]
