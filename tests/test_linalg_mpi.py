@@ -87,7 +87,8 @@ def test_fieldsplit_agrees_with_the_dense_solution(dim, has_auxiliary):
         a, b = x[component :: block.block_size], expected[component :: block.block_size]
         assert np.linalg.norm(a - b) < 1e-5 * np.linalg.norm(b)
     assert solver.iterations_max <= 60
-    assert np.array_equal(gathered(solver.solve(rhs)), x)  # a solve leaves the matrix as it was, to the last bit
+    again = gathered(solver.solve(rhs))  # a solve leaves the matrix as it was, to the last bit
+    assert np.linalg.norm(again - x) <= (1e-12 * np.linalg.norm(x) if COMM.size > 1 else 0.0)
     solver.destroy()
     A.destroy()
 
@@ -103,7 +104,8 @@ def test_fieldsplit_is_right_again_after_it_failed():
     with pytest.raises(ConvergenceError):
         solver.solve(block.load())
     solver.ksp.setTolerances(max_it=500)
-    assert np.array_equal(gathered(solver.solve(block.load())), first)
+    again = gathered(solver.solve(block.load()))
+    assert np.linalg.norm(again - first) <= (1e-12 * np.linalg.norm(first) if COMM.size > 1 else 0.0)
     solver.destroy()
     A.destroy()
 
@@ -188,7 +190,9 @@ def test_a_new_preconditioner_is_that_of_a_new_solver(name):
         solutions.append(solver.solve(block.load()))
         solver.destroy()
         A.destroy()
-    np.testing.assert_array_equal(*solutions)
+    # on several ranks sums are made in the order in which messages come, else to the last bit; old blocks leave 1e-6
+    old, new = map(gathered, solutions)
+    assert np.linalg.norm(old - new) <= (1e-12 * np.linalg.norm(new) if COMM.size > 1 else 0.0)
 
 
 def test_rigid_body_modes_are_orthonormal_and_strain_free():
