@@ -4,7 +4,7 @@ import fcntl
 import hashlib
 import os
 import pickle
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, wraps
 from pathlib import Path
 
@@ -114,11 +114,9 @@ class _Loop:
         loop = self.compiled.py_func
         with _alone(CACHE_FOLDER / f"{loop.__qualname__}.lock"):
             for attempt in (_read_or_compile, _compile_anew) if _can_write() else ():
-                try:
+                with suppress(OSError, EOFError, pickle.UnpicklingError):  # a damaged file; a full disk, where nothing is kept
                     self.compiled = attempt(loop, signature)
                     break
-                except (OSError, EOFError, pickle.UnpicklingError):  # a damaged file of the cache; a full disk, which stays full
-                    continue
         self._ready = True
 
 

@@ -61,6 +61,19 @@ def test_machine_code_is_read_by_the_next_process(tmp_path):
     assert [counts(started(tmp_path)) for _ in range(2)] == [[0, 1], [1, 0]]
 
 
+def test_a_first_run_knows_that_it_compiles(tmp_path):
+    code = "from porofsi_petsc.compiled import compilation_notice; print(compilation_notice())"
+
+    def notice(folder):
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
+        return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+
+    assert f"kept in {tmp_path}" in notice(tmp_path)
+    counts(started(tmp_path))
+    assert notice(tmp_path).strip() == ""
+    assert "/proc/cache" in notice("/proc/cache") and "cannot be written" in notice("/proc/cache")
+
+
 def test_of_processes_that_start_together_one_compiles(tmp_path):
     together = [started(tmp_path) for _ in range(3)]
     assert sorted(counts(process) for process in together) == [[0, 1], [1, 0], [1, 0]]

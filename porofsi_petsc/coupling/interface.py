@@ -137,7 +137,7 @@ class _Sweep(PartitionedMedium):
         super()._begin(t, rates, accepted)
 
     def _slow(self, iteration):
-        """Return whether slow sweeps call for new tangents: once in a step, for what is slow after that is the coupling."""
+        """Return whether slow sweeps call for new tangents: where the step has made some, the coupling is what is slow."""
         return self._renewed_at == 0 and super()._slow(iteration)
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):

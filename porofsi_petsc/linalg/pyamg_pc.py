@@ -46,7 +46,7 @@ def _hierarchy(matrix):
 
 @contextmanager
 def _fixed_seed():
-    """Let pyamg, which starts its power iterations with NumPy's global generator, make the same of the same matrix."""
+    """Let pyamg make the same of the same matrix: it starts its power iterations with NumPy's old global generator (NPY002)."""
     state = np.random.get_state()  # noqa: NPY002
     np.random.seed(0)  # noqa: NPY002
     try:

@@ -32,13 +32,13 @@ class LinearSolver:
     prefix         : options prefix of the KSP and of the matrix (MUMPS' options hang on the matrix)
     defaults       : options (without the prefix) for what the user leaves open
     near_nullspace : arrays of the owned rows (`rigid_body_modes`), for algebraic multigrid
-    fields         : dict name -> PETSc.IS, the splits of a FieldSplit preconditioner, where the unknowns differ in kind
+    fields         : dict name -> PETSc.IS, the splits "v" and "p" of a FieldSplit preconditioner
     preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no -pc_python_type is given:
                      of the whole matrix, or of the field "p" of a FieldSplit
 
     Scaling.  With fields an iterative solver works on D^-½ A D^-½ with a unit diagonal, since rtol must weigh newtons and cubic
     metres per second.  The matrix is scaled in place, once for every assembly (PETSc's -ksp_diagonal_scale with _fix does it
-    twice in every solve, which takes a sixth of the time and the last digits); the field "p" gets D^½ 1 as its near-null space.
+    twice in every solve, which takes time and the last digits: docs/solvers.md); the field "p" gets D^½ 1 as its near-null space.
 
     Reuse rule.  After `update` an iterative solver keeps its old preconditioner as long as the last solve took at most
     1.5 n + 2 iterations, n the number at the first solve after it was built; then, or when a solve with it fails, it is
@@ -64,14 +64,14 @@ class LinearSolver:
         self.factorizations = 0
         self.setup_time = self.solve_time = 0.0
         self._build_iterations: int | None = None
-        self._changed = self._rebuild = self._replaced = True
+        self._changed = self._rebuild = True
         set_defaults(prefix, defaults)
         matrix.setOptionsPrefix(prefix)
         if near_nullspace:
             set_near_nullspace(matrix, near_nullspace)
         self._x, self._b = matrix.createVecs()
         self.ksp, self._preconditioner = _make_ksp(matrix, prefix, fields), preconditioner
-        self._scaling = DiagonalScaling(matrix, fields.get("p")) if fields and not self.direct else None
+        self._scaling = DiagonalScaling(matrix, fields["p"]) if fields and not self.direct else None
         if self.preconditioned_by_object and not self._splits:
             self.ksp.getPC().setPythonContext(preconditioner)
         _living.append(self)
@@ -111,15 +111,11 @@ class LinearSolver:
     def update(self, matrix_changed: bool = True) -> None:
         """Say that the values of the matrix have changed; the reuse rule decides about the preconditioner."""
         if matrix_changed:
-            self._changed = self._replaced = True
+            self._changed = True
             self._rebuild = self._rebuild or self.direct or self._worn()
 
     def refactor(self) -> None:
         """Build the preconditioner, or the factor, anew at the next solve, of new values of the matrix or of the same."""
-        self._replaced = True
-        self._renew()
-
-    def _renew(self):
         self._changed = self._rebuild = True
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
@@ -134,7 +130,7 @@ class LinearSolver:
             self._scaling.apply(self._b)
         iterations, reason = self._run()
         if reason <= 0 and not fresh:
-            self._renew()
+            self.refactor()
             fresh = self._set_up()
             more, reason = self._run()
             iterations += more
@@ -174,9 +170,8 @@ class LinearSolver:
 
     def _give_matrix(self, fresh):
         """Set the operators and, where it is to be fresh, the preconditioner."""
-        if self._scaling and self._replaced:
+        if self._scaling:
             self._scaling.scale()
-        self._replaced = False
         self.ksp.setOperators(self.matrix)
         self.ksp.getPC().setReusePreconditioner(not fresh)
         try:
@@ -208,7 +203,7 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), reason
 
     def _raise(self, reason):
-        self._renew()
+        self.refactor()
         text = _REASONS.get(int(reason), str(reason))
         raise ConvergenceError(
             f"linear solver {self.prefix} ({self.ksp.getType()}, {self.ksp.getPC().getType()}) failed with {text} after "
@@ -253,48 +248,47 @@ def _attach(matrix, columns):
 
 
 class DiagonalScaling:
-    """D^-½ of a matrix, and the near-null space D^½ 1 of its field "p"."""
+    """D^-½ of a matrix in the units of its rows and columns, D = |diag A| and 1 where that vanishes; and D^½ 1 of its field "p".
+
+    The latter is what the constants become, which span the near-null space of the pressure's block.
+    """
 
     def __init__(self, matrix, pressure):
-        """Let the blocks that PETSc extracts with the index set of the pressure (or None) carry the constants."""
+        """Let the blocks that PETSc extracts with the index set of the pressure carry its near-null space."""
         self._matrix, self._pressure, self._state = matrix, pressure, None
         self._factor = matrix.createVecRight()
-        self._constants = None
-        if pressure:
-            self._constants = PETSc.Vec().createMPI((pressure.getLocalSize(), PETSc.DETERMINE), comm=matrix.comm)
-            space = PETSc.NullSpace().create(vectors=[self._constants], comm=matrix.comm)
-            pressure.compose("nearnullspace", space)
-            space.destroy()
+        self._constants = PETSc.Vec().createMPI((pressure.getLocalSize(), PETSc.DETERMINE), comm=matrix.comm)
+        space = PETSc.NullSpace().create(vectors=[self._constants], comm=matrix.comm)
+        pressure.compose("nearnullspace", space)
+        space.destroy()
 
     def scale(self):
-        """Scale the matrix to a diagonal of ±1, unless its values are those that were scaled before (collective)."""
+        """Replace A by D^-½ A D^-½ unless its values are those that were scaled before (collective).
+
+        PETSc counts the changes of an object, as it does to know what a preconditioner was made of.
+        """
         if self._matrix.stateGet() == self._state:
             return
         self._matrix.getDiagonal(self._factor)
         self._factor.sqrtabs()
         with self._factor as root:
             root[root == 0] = 1.0
-        if self._pressure:
-            self._set_constants()
-        self._factor.reciprocal()
-        self._matrix.diagonalScale(self._factor, self._factor)
-        self._state = self._matrix.stateGet()
-
-    def _set_constants(self):
         field = self._factor.getSubVector(self._pressure)
         field.copy(self._constants)
         self._factor.restoreSubVector(self._pressure, field)
         self._constants.normalize()
+        self._factor.reciprocal()
+        self._matrix.diagonalScale(self._factor, self._factor)
+        self._state = self._matrix.stateGet()
 
     def apply(self, vector):
-        """Scale a right-hand side, or what the scaled system gives."""
+        """Multiply a right-hand side, or the solution of the scaled system, by D^-½ in place."""
         vector.pointwiseMult(vector, self._factor)
 
     def destroy(self):
         """Free the vectors (collective)."""
-        for vector in (self._factor, self._constants):
-            if vector:
-                vector.destroy()
+        self._factor.destroy()
+        self._constants.destroy()
 
 
 def _make_ksp(matrix, prefix, fields):
