@@ -176,7 +176,7 @@ class LinearSolver:
         self.ksp.getPC().setReusePreconditioner(not fresh)
         try:
             self.ksp.setUp()
-            if fresh:
+            if fresh and self._splits:
                 self._prepare_pressure()
                 self.ksp.setUpOnBlocks()  # counts as set-up instead of as a part of the first solve
         except PETSc.Error as error:
@@ -185,11 +185,12 @@ class LinearSolver:
             raise ConvergenceError(f"linear solver {self.prefix}: its set-up failed: {_text(error)}") from error
 
     def _prepare_pressure(self):
-        """Let the given object act on the pressure's block, which a FieldSplit makes in its first set-up."""
-        if self._splits and self.preconditioned_by_object:
-            block = self.ksp.getPC().getFieldSplitSubKSP()[1].getPC()
-            if block.getPythonContext() is not self._preconditioner:
-                block.setPythonContext(self._preconditioner)
+        """Give the pressure's block, which a FieldSplit has made by now, its near-null space and the given object."""
+        block = self.ksp.getPC().getFieldSplitSubKSP()[1].getPC()
+        if self._scaling:
+            self._scaling.attach_constants(block.getOperators()[1])
+        if self.preconditioned_by_object and block.getPythonContext() is not self._preconditioner:
+            block.setPythonContext(self._preconditioner)
 
     def _run(self):
         """Return the iterations and the converged reason; a direct solve that is not finite counts as diverged."""
@@ -254,13 +255,9 @@ class DiagonalScaling:
     """
 
     def __init__(self, matrix, pressure):
-        """Let the blocks that PETSc extracts with the index set of the pressure carry its near-null space."""
+        """Take a matrix and the index set of its field "p"."""
         self._matrix, self._pressure, self._state = matrix, pressure, None
         self._factor = matrix.createVecRight()
-        self._constants = PETSc.Vec().createMPI((pressure.getLocalSize(), PETSc.DETERMINE), comm=matrix.comm)
-        space = PETSc.NullSpace().create(vectors=[self._constants], comm=matrix.comm)
-        pressure.compose("nearnullspace", space)
-        space.destroy()
 
     def scale(self):
         """Replace A by D^-½ A D^-½ unless its values are those that were scaled before (collective).
@@ -273,13 +270,24 @@ class DiagonalScaling:
         self._factor.sqrtabs()
         with self._factor as root:
             root[root == 0] = 1.0
-        field = self._factor.getSubVector(self._pressure)
-        field.copy(self._constants)
-        self._factor.restoreSubVector(self._pressure, field)
-        self._constants.normalize()
         self._factor.reciprocal()
         self._matrix.diagonalScale(self._factor, self._factor)
         self._state = self._matrix.stateGet()
+
+    def attach_constants(self, block):
+        """Give the pressure's block of the scaled matrix D^½ 1 as its near-null space (collective).
+
+        A new one for every set-up: PETSc locks the vectors of a null space for good.
+        """
+        field = self._factor.getSubVector(self._pressure)
+        constants = field.copy()
+        self._factor.restoreSubVector(self._pressure, field)
+        constants.reciprocal()
+        constants.normalize()
+        space = PETSc.NullSpace().create(vectors=[constants], comm=block.comm)
+        block.setNearNullSpace(space)
+        space.destroy()
+        constants.destroy()
 
     def apply(self, vector):
         """Multiply a right-hand side, or the solution of the scaled system, by D^-½ in place."""
@@ -288,7 +296,6 @@ class DiagonalScaling:
     def destroy(self):
         """Free the vectors (collective)."""
         self._factor.destroy()
-        self._constants.destroy()
 
 
 def _make_ksp(matrix, prefix, fields):
