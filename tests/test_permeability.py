@@ -1,4 +1,4 @@
-"""Permeability laws and the drag that follows from them, against fractions worked out by hand from the formulas of their papers."""
+"""Permeability laws and their drag, against fractions worked out by hand from the formulas of their papers."""
 
 from fractions import Fraction
 

@@ -1,6 +1,5 @@
 """Stabilization parameters against numbers worked out by hand, of single formulas and of an element of a scene."""
 
-
 import numpy as np
 import pytest
 from mpi4py import MPI
