@@ -19,7 +19,7 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.clock import first_order, second_order
 from porofsi_petsc.coupling.robin import STIFFER, solid_impedance
 from porofsi_petsc.exact import Ring
-from porofsi_petsc.output.checkpoint import read_checkpoint
+from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays
 from porofsi_petsc.output.files import write_text
 from porofsi_petsc.phases.transfer import Rates
 from porofsi_petsc.studies.table import Table, markdown, sweep
@@ -130,7 +130,9 @@ class Runner:
 
     def _start(self, coupling):
         """Load fields and rates of the checkpoint: the density of the beam changes in this instant; tangents are new."""
-        header, arrays = read_checkpoint(self._checkpoint, coupling.solid.mesh)
+        mesh = coupling.solid.mesh
+        header = open_checkpoint(self._checkpoint, mesh.comm)
+        arrays = read_arrays(self._checkpoint, header, mesh)
         memory = header["coupling"] | {"columns": ()}
         for phase in ("solid", "fluid"):
             memory[phase]["rates"] = None

@@ -15,7 +15,7 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.mesh.generate import box, rectangle
 from porofsi_petsc.output import checkpoint, figures
-from porofsi_petsc.output.checkpoint import read_checkpoint, read_header, write_checkpoint
+from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays, write_checkpoint
 from porofsi_petsc.output.field_plots import colour_scale
 from porofsi_petsc.output.fields import FieldWriter, read_snapshots
 from porofsi_petsc.output.figures import choose_snapshots, make_figures
@@ -23,6 +23,7 @@ from porofsi_petsc.output.history import History
 from porofsi_petsc.output.history_plots import draw_histories
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.probes import Probes
+from porofsi_petsc.output.seal import seal
 from porofsi_petsc.output.surface import read_surface, surface_of
 from porofsi_petsc.output.units import plain, scaled_unit, significant
 
@@ -129,10 +130,16 @@ def arrays_of(mesh):
 HEADER = {"scene": 'title = "block"\n' + "# long\n" * 20000, "step": np.int64(7), "time": 0.1 + 0.2, "omega": [1 / 3]}
 
 
+def restored(path, mesh):
+    """Return header and arrays of a checkpoint."""
+    header = open_checkpoint(path, mesh.comm)
+    return header, read_arrays(path, header, mesh)
+
+
 def test_checkpoint_returns_every_bit(tmp_path):
     mesh = local_mesh("T6")
     write_checkpoint(tmp_path, mesh, HEADER, arrays_of(mesh))
-    header, arrays = read_checkpoint(tmp_path / "checkpoint.h5", mesh)
+    header, arrays = restored(tmp_path / "checkpoint.h5", mesh)
     assert {key: header[key] for key in HEADER} == HEADER
     assert header["mesh_hash"] == mesh.hash and header["ranks"] == 1
     for name, array in arrays_of(mesh).items():
@@ -145,8 +152,8 @@ def test_the_last_two_checkpoints_are_kept(tmp_path):
     mesh = local_mesh("T3")
     for step in (1, 2, 3):
         write_checkpoint(tmp_path, mesh, {"step": step}, arrays_of(mesh))
-    assert read_header(tmp_path / "checkpoint.h5")["step"] == 3
-    assert read_header(tmp_path / "checkpoint.previous.h5")["step"] == 2
+    assert open_checkpoint(tmp_path / "checkpoint.h5", COMM)["step"] == 3
+    assert open_checkpoint(tmp_path / "checkpoint.previous.h5", COMM)["step"] == 2
     assert len(list(tmp_path.iterdir())) == 2
 
 
@@ -161,10 +168,10 @@ def test_a_kill_while_writing_leaves_the_last_checkpoint(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         write_checkpoint(tmp_path, mesh, {"step": 2}, arrays_of(mesh))
     monkeypatch.undo()
-    assert read_header(tmp_path / "checkpoint.h5")["step"] == 1
+    assert open_checkpoint(tmp_path / "checkpoint.h5", COMM)["step"] == 1
     write_checkpoint(tmp_path, mesh, {"step": 3}, arrays_of(mesh))
-    assert read_header(tmp_path / "checkpoint.h5")["step"] == 3
-    assert read_header(tmp_path / "checkpoint.previous.h5")["step"] == 1
+    assert open_checkpoint(tmp_path / "checkpoint.h5", COMM)["step"] == 3
+    assert open_checkpoint(tmp_path / "checkpoint.previous.h5", COMM)["step"] == 1
 
 
 def spoil(path, kind):
@@ -178,6 +185,10 @@ def spoil(path, kind):
     if kind == "newer":
         with h5py.File(path, "a") as file:
             file.attrs["header"] = json.dumps({**json.loads(file.attrs["header"]), "format_version": 99})
+        seal(path, COMM)
+    if kind == "unreadable":
+        path.unlink()
+        path.symlink_to("/proc/self/mem")
     if kind == "absent":
         path.unlink()
 
@@ -185,11 +196,12 @@ def spoil(path, kind):
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        ("truncated", "truncated or damaged, expected a complete checkpoint; use .*checkpoint.previous.h5"),
-        ("text", "not an HDF5 file"),
-        ("foreign", "an HDF5 file, but not a checkpoint"),
-        ("newer", "received checkpoint format 99, expected at most 1"),
-        ("absent", "no such file, expected a checkpoint; .*checkpoint.previous.h5 is there"),
+        ("truncated", "truncated or damaged, its checksum is not that of its content; .*checkpoint.previous.h5 is sound"),
+        ("text", "not an HDF5 file, .*checkpoint.previous.h5 is sound"),
+        ("foreign", "an HDF5 file, but not a checkpoint .*checkpoint.previous.h5 is sound"),
+        ("newer", "received checkpoint format 99, expected at most 2: a newer porofsi wrote it"),
+        ("absent", "no such file, expected a checkpoint; .*checkpoint.previous.h5 is sound, give that"),
+        ("unreadable", "not an HDF5 file|could not be read"),
     ],
 )
 def test_checkpoint_that_cannot_be_used_is_one_sentence(kind, sentence, tmp_path):
@@ -198,14 +210,14 @@ def test_checkpoint_that_cannot_be_used_is_one_sentence(kind, sentence, tmp_path
         write_checkpoint(tmp_path, mesh, {"step": 1}, arrays_of(mesh))
     spoil(tmp_path / "checkpoint.h5", kind)
     with pytest.raises(InputError, match=sentence):
-        read_checkpoint(tmp_path / "checkpoint.h5", mesh)
+        restored(tmp_path / "checkpoint.h5", mesh)
 
 
 def test_checkpoint_of_another_mesh_states_both(tmp_path):
     mesh, other = local_mesh("T3"), local_mesh("T6")
     write_checkpoint(tmp_path, mesh, {}, arrays_of(mesh))
     with pytest.raises(InputError, match=f"received mesh hash {mesh.hash}, expected {other.hash}"):
-        read_checkpoint(tmp_path / "checkpoint.h5", other)
+        restored(tmp_path / "checkpoint.h5", other)
 
 
 def write_results(directory, name, n_steps=4):

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from porofsi_petsc.errors import InputError, PorofsiError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.mesh.generate import rectangle
-from porofsi_petsc.output.checkpoint import read_checkpoint, write_checkpoint
+from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays, write_checkpoint
 from porofsi_petsc.output.directory import prepare
 from porofsi_petsc.output.fields import FieldWriter
 from porofsi_petsc.output.files import on_root
@@ -44,7 +44,9 @@ def arrays_of(mesh):
 def test_checkpoint_is_read_in_another_partition(ranks_written, shared_path):
     write_checkpoint(shared_path, local_mesh(1, ranks_written), {"step": 3}, arrays_of(local_mesh(1, ranks_written)))
     mesh = local_mesh(2)
-    header, arrays = read_checkpoint(shared_path / "checkpoint.h5", mesh)
+    path = shared_path / "checkpoint.h5"
+    header = open_checkpoint(path, COMM)
+    arrays = read_arrays(path, header, mesh)
     assert header["step"] == 3 and header["nodes"] == mesh.n_global
     for name, expected in arrays_of(mesh).items():
         assert np.array_equal(arrays[name], expected)
@@ -90,7 +92,7 @@ def test_every_rank_sees_an_error_of_rank_0(shared_path):
     with pytest.raises(PorofsiError, match="could not be written"):
         write_slabs(shared_path / "nowhere" / "a.h5", COMM, {"rows": np.zeros((1000, 3))})
     with pytest.raises(InputError, match="no such file"):
-        read_checkpoint(shared_path / "checkpoint.h5", local_mesh(0))
+        open_checkpoint(shared_path / "checkpoint.h5", COMM)
     with pytest.raises(InputError, match="lies outside"):
         Probes(local_mesh(0), [("A", [3.0, 0.0])])
     on_root(COMM, (shared_path / "file").touch)

@@ -8,10 +8,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from mpi4py import MPI
 from running import SCENES, Job, complete, header, history, largest_difference, needs_mpirun, run_here, run_on, state, summary
 
 from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.output.seal import seal
 
 BLOCK = (
     "mesh.order=1",
@@ -215,7 +217,7 @@ def test_end_time_output_and_solver_options_may_change(stopped, tmp_path):
         (["model.convection=false"], r"\[model\.convection\]: the checkpoint was written with True, the scene has False"),
         (["mesh.y.cells=[5]"], "belongs to another mesh"),
         (["mesh.order=2"], "belongs to another mesh"),
-        (["time.end=0.01"], "expected less than time.end = 0.01 s"),
+        (["time.end=0.009"], "the checkpoint is at t = 0.01 s, expected at most time.end = 0.009 s; raise time.end"),
     ],
 )
 def test_another_scene_is_refused(stopped, tmp_path, overrides, sentence):
@@ -234,6 +236,7 @@ def test_a_key_that_the_checkpoint_does_not_know_has_its_default(stopped, tmp_pa
         assert "backflow = 0.0" in entries["scene"]
         entries["scene"] = entries["scene"].replace("backflow = 0.0\n", "").replace("convection = true\n", "")
         file.attrs["header"] = json.dumps(entries)
+    seal(older, MPI.COMM_SELF)
     with pytest.raises(InputError, match=r"model\.convection.*written with False, the scene has True"):
         run_here(replace(job, restart=str(older)))
     assert (

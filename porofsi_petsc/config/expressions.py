@@ -78,13 +78,14 @@ class Expression:
         or {"table": "load.csv", "column": "force"}: linear between the rows, constant beyond the ends; the first column is t, the
         column defaults to the second.
     folder : where a relative table path starts.
+    content : hash of the numbers of a table, None for what is not one.
     Raises InputError when the value is none of these, or the formula fails in a trial at one point.
     """
 
     def __init__(self, value, folder=None):
-        self.names = frozenset()
+        self.names, self.content = frozenset(), None
         if isinstance(value, dict):
-            self.source, self._evaluate = table(value, folder)
+            self.source, self.content, self._evaluate = table(value, folder)
             self.names = frozenset("t")
         elif isinstance(value, str):
             self.source = value

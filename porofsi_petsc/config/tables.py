@@ -1,7 +1,7 @@
 """Tables over time from CSV files."""
 
 import csv
-from functools import lru_cache
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +10,16 @@ from ..errors import InputError
 
 
 def table(value, folder):
-    """Return the resolved source and the interpolating function of a {table, column} entry."""
+    """Return the resolved source of a {table, column} entry, a hash of its times and values, and the interpolating function."""
     unknown = sorted(set(value) - {"table", "column"})
     if unknown or not all(isinstance(entry, str) for entry in value.values()) or "table" not in value:
         raise InputError(f'received {value!r}, expected {{ table = "file.csv", column = "name" }}')
     path = Path(folder or ".", value["table"]).resolve()
     times, values = _read_table(path, value.get("column"))
-    return dict(value, table=str(path)), lambda t, x: np.interp(t, times, values)
+    content = hashlib.sha256(np.stack([times, values]).astype("<f8").tobytes()).hexdigest()[:16]
+    return dict(value, table=str(path)), content, lambda t, x: np.interp(t, times, values)
 
 
-@lru_cache(maxsize=64)
 def _read_table(path, column):
     """Return the first column (strictly increasing times [s]) and the wanted one of a CSV file, with or without a header."""
     try:

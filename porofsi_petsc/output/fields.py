@@ -5,18 +5,21 @@ fields/mesh.h5           points (N, 3) [m], cells (E, A), region (E,); natural o
 fields/000010.h5         step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy xz yy yz zz
 """
 
+import re
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ..errors import InputError
 from ..fem.natural_order import NaturalOrder
 from .files import on_root, write_text
 from .hdf5 import read_attributes, write_slabs
 
 FOLDER = "fields"
 XDMF = "fields.xdmf"
+STEP = re.compile(r"\d{6,}\.h5")  # names of the files of a time
 TOPOLOGY = {"T3": "Triangle", "T6": "Triangle_6", "T4": "Tetrahedron", "T10": "Tetrahedron_10"}
 ATTRIBUTE_TYPE = {(): "Scalar", (3,): "Vector", (6,): "Tensor6"}
 
@@ -34,12 +37,15 @@ class FieldWriter:
     """Writes fields in the natural order; what was written before in the directory is kept."""
 
     def __init__(self, directory, mesh):
-        """Write the mesh and pick up the times already in the directory; collective."""
+        """Pick up the times already in the directory and write the mesh; collective.
+
+        Raises InputError when a file of a time cannot be read.
+        """
         self.directory, self.mesh = Path(directory), mesh
         on_root(mesh.comm, _make_folder, self.directory)
         self.n_points, self.cells_shape = mesh.n_global, (mesh.n_cells_global, mesh.cells.shape[1])
-        self._write_mesh()
         self.snapshots = on_root(mesh.comm, read_snapshots, self.directory)
+        self._write_mesh()
 
     def write(self, step, time, fields):
         """Write the fields of one step and list them in the XDMF file; collective.
@@ -79,12 +85,22 @@ class FieldWriter:
 
 
 def read_snapshots(directory):
-    """Return the Snapshots (step, time, path, shapes) written in the directory, in the order of time."""
-    found = []
-    for path in (Path(directory) / FOLDER).glob("[0-9]*.h5"):
-        attributes, shapes = read_attributes(path)
-        found.append(Snapshot(int(attributes["step"]), float(attributes["time"]), path, shapes))
-    return sorted(found)
+    """Return the Snapshots (step, time, path, shapes) written in the directory, in the order of time.
+
+    Files with other names than those of a step are not looked at.  Raises InputError when one cannot be read.
+    """
+    paths = sorted((Path(directory) / FOLDER).glob("*.h5"))
+    return sorted(_snapshot(path) for path in paths if STEP.fullmatch(path.name))
+
+
+def _snapshot(path):
+    attributes, shapes = read_attributes(path)
+    step, time = attributes.get("step"), attributes.get("time")
+    numbers = isinstance(step, np.integer) and isinstance(time, np.floating) and np.isfinite(time)
+    if not numbers or step != int(path.stem) or not all(shape and shape[1:] in ATTRIBUTE_TYPE for shape in shapes.values()):
+        text = "an HDF5 file, but not the fields of the step in its name as porofsi writes them"
+        raise InputError(f"{path}: {text}; move it away")
+    return Snapshot(int(step), float(time), path, shapes)
 
 
 def _make_folder(directory):
@@ -130,7 +146,7 @@ def _grid(snapshot, element, n_points, cells_shape):
         f'<Attribute Name="region" AttributeType="Scalar" Center="Cell">'
         f"{_item(f'{mesh}:/region', cells_shape[:1], 'Int', 4)}</Attribute>",
     ]
-    for name, shape in snapshot.shapes.items():
+    for name, shape in sorted(snapshot.shapes.items()):
         item = _item(f"{FOLDER}/{snapshot.path.name}:/{name}", shape, "Float", 8)
         kind = ATTRIBUTE_TYPE[tuple(shape[1:])]
         lines.append(f'<Attribute Name={quoteattr(name)} AttributeType="{kind}" Center="Node">{item}</Attribute>')

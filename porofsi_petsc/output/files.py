@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from ..errors import PorofsiError
+from ..errors import InputError, PorofsiError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -32,6 +32,19 @@ def on_root(comm, action, *arguments):
             error = failure
     raise_everywhere(comm, error)
     return comm.bcast(result)
+
+
+def on_all(comm, action):
+    """Call the action on every rank and return its result there, or raise the first rank's InputError on all; collective."""
+    result = error = None
+    try:
+        result = action()
+    except InputError as failure:
+        error = failure
+    errors = [error for error in comm.allgather(error) if error is not None]
+    if errors:
+        raise errors[0]
+    return result
 
 
 def writing_error(failure, path=None):

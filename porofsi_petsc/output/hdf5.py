@@ -4,30 +4,44 @@ With an MPI build of h5py every rank writes its contiguous slab; else rank 0 rec
 so that no rank ever holds a whole dataset.
 """
 
+import errno
+import io
+import os
+from contextlib import contextmanager
+
 import h5py
 import numpy as np
+from mpi4py import MPI
 
+from ..errors import InputError
 from .files import on_root, publish, raise_everywhere, temporary_name, writing_error
 
+STRUCTURE = 1 << 16  # [bytes] more than the structure of a file takes beside data and attributes
 
-def write_slabs(path, comm, slabs, attributes=None):
+
+def write_slabs(path, comm, slabs, attributes=None, front=None):
     """Write one dataset per name from the rows of all ranks, in the order of the ranks; collective.
 
     slabs : dict name -> (rows of this rank, ...); the same names, trailing shapes and types on every rank.
     attributes : dict name -> number, string or list of strings, stored at the root of the file (equal on every rank).
-    The file appears under its name when it is complete, never earlier.  Raises PorofsiError when it cannot be written.
+    front : bytes that are left free at the start of the file, a power of two from 512 on, or None.
+    The file appears under its name when it is complete, never earlier; one that cannot be completed is removed, so that its
+    space is free again.  Raises PorofsiError when it cannot be written.
     """
     slabs = {name: np.ascontiguousarray(slab) for name, slab in slabs.items()}
     counts = np.array(comm.allgather([len(slab) for slab in slabs.values()]), dtype=int).reshape(comm.size, -1)
     parallel = h5py.get_config().mpi and comm.size > 1
     write = _write_together if parallel else _write_through_root
-    write(temporary_name(path), comm, slabs, counts, attributes or {})
+    write(temporary_name(path), comm, slabs, counts, attributes or {}, front)
     on_root(comm, publish, path)
 
 
-def _write_together(path, comm, slabs, counts, attributes):
+def _write_together(path, comm, slabs, counts, attributes, front):
+    sizes = [column.sum() * slab[:1].nbytes for slab, column in zip(slabs.values(), counts.T, strict=True)]
+    text = sum(len(str(value)) for value in attributes.values())
+    on_root(comm, _require_room, path, comm.allreduce(sum(sizes), MPI.MAX) + text + STRUCTURE)
     try:
-        file = h5py.File(path, "w", driver="mpio", comm=comm)
+        file = h5py.File(path, "w", driver="mpio", comm=comm, userblock_size=front)
     except OSError as failure:  # on every rank alike: opening is collective
         raise writing_error(failure, path) from failure
     starts = counts[: comm.rank].sum(axis=0)
@@ -42,20 +56,66 @@ def _write_together(path, comm, slabs, counts, attributes):
                 dataset[start : start + len(slab)] = slab
 
 
-def _write_through_root(path, comm, slabs, counts, attributes):
+def _require_room(path, size):
+    """Raise OSError where the file system has less than a size [bytes] left: HDF5 crashes when it meets a full disk."""
+    status = os.statvfs(path.parent)
+    if status.f_bavail * status.f_frsize < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+
+def _write_through_root(path, comm, slabs, counts, attributes, front):
     pieces, error = _pieces(comm, slabs, counts), None
     if comm.rank == 0:
         try:
-            _write_pieces(path, pieces, attributes)
+            _write_pieces(path, pieces, attributes, front)
         except OSError as failure:
             error = writing_error(failure, path)
+            path.unlink(missing_ok=True)
     for _ in pieces:  # the other ranks send; after an error rank 0 still takes what they send
         pass
     raise_everywhere(comm, error)
 
 
-def _write_pieces(path, pieces, attributes):
-    with h5py.File(path, "w") as file:
+def _write_pieces(path, pieces, attributes, front):
+    with _PatientFile(path) as patient:
+        _fill(patient, pieces, attributes, front)
+    if patient.error is not None:
+        raise patient.error
+
+
+class _PatientFile(io.FileIO):
+    """A file in which no write fails: HDF5 ends with a segmentation fault after one that did, on a full disk, say.
+
+    error : the first OSError of a write, after which the content is worthless, or None
+    """
+
+    error = None
+
+    def __init__(self, path):
+        """Make the file anew."""
+        super().__init__(path, "w+")
+
+    def write(self, data):
+        """Write all bytes, or keep the error."""
+        rest = memoryview(data).cast("B")
+        try:
+            while rest:  # a system call takes 2 GiB at most
+                rest = rest[super().write(rest) :]
+        except OSError as failure:
+            self.error = self.error or failure
+        return len(data)
+
+    def readinto(self, buffer):
+        """Give back what was written, and zeros for what was not."""
+        rest = memoryview(buffer).cast("B")
+        while rest and (found := super().readinto(rest)):
+            rest = rest[found:]
+        rest[:] = bytes(len(rest))
+        return len(buffer)
+
+
+def _fill(patient, pieces, attributes, front):
+    with h5py.File(patient, "w", userblock_size=front) as file:
         file.attrs.update(attributes)
         for name, n_rows, start, rows in pieces:
             dataset = file.require_dataset(name, (n_rows, *rows.shape[1:]), rows.dtype)
@@ -76,13 +136,25 @@ def _pieces(comm, slabs, counts):
             yield name, starts[-1], starts[rank], rows
 
 
+@contextmanager
+def reading(path):
+    """Open an HDF5 file for reading; raise InputError where it, or what is done with it, fails."""
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError) as failure:
+        raise InputError(
+            f"{path}: could not be read, expected a complete HDF5 file written by porofsi; move it away"
+        ) from failure
+
+
 def read_slab(path, name, start=0, stop=None):
-    """Return the rows start … stop - 1 (all by default) of a dataset; each rank reads for itself."""
-    with h5py.File(path, "r") as file:
+    """Return the rows start … stop - 1 (all by default) of a dataset; each rank reads for itself.  Raises InputError."""
+    with reading(path) as file:
         return file[name][start:stop]
 
 
 def read_attributes(path):
-    """Return the attributes at the root of the file and the shape of every dataset."""
-    with h5py.File(path, "r") as file:
+    """Return the attributes at the root of the file and the shape of every dataset.  Raises InputError."""
+    with reading(path) as file:
         return dict(file.attrs), {name: dataset.shape for name, dataset in file.items()}

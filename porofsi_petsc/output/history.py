@@ -8,14 +8,19 @@ from ..errors import InputError
 from .files import on_root, write_text
 
 NAME = "history.csv"
+LONGEST = 60  # [characters] of a row that a message repeats
+ADVICE = "delete that line where it is damaged, or write to another directory with --output"
 
 
 class History:
-    """The growing file; every method is collective, rank 0 writes."""
+    """The growing file; every method is collective, rank 0 writes.
+
+    last : time of the last row of an earlier run that was kept [s], None without one
+    """
 
     def __init__(self, directory, columns, comm):
         """Start an empty history with the header t, columns, coupling_iterations."""
-        self.comm, self.columns = comm, list(columns)
+        self.comm, self.columns, self.last = comm, list(columns), None
         self.path = Path(directory) / NAME
         on_root(comm, write_text, self.path, _header(self.columns))
         self._open()
@@ -24,14 +29,15 @@ class History:
     def resume(cls, directory, columns, comm, time):
         """Continue the history of a directory: rows later than the time [s] and a torn last line are cut atomically.
 
-        Without a history.csv in the directory an empty one is started.  Raises InputError when its columns are others.
+        Without a history.csv in the directory an empty one is started.  Raises InputError when its columns are others, or a row
+        is damaged; then the file stays as it is.
         """
         path = Path(directory) / NAME
         if not on_root(comm, path.exists):
             return cls(directory, columns, comm)
         history = object.__new__(cls)
         history.comm, history.columns, history.path = comm, list(columns), path
-        on_root(comm, _cut, path, history.columns, time)
+        history.last = on_root(comm, _cut, path, history.columns, time)
         history._open()
         return history
 
@@ -65,19 +71,48 @@ def _header(columns):
 
 def _complete_lines(path):
     """Return the lines that end with a line break: a torn last line is not among them."""
-    return Path(path).read_text(encoding="utf-8").split("\n")[:-1]
+    try:
+        text = Path(path).read_bytes().decode("utf-8", errors="replace")
+    except OSError as failure:
+        raise InputError(f"{path}: could not be read ({failure.strerror}); check the file and its permissions") from failure
+    return text.split("\n")[:-1] or [""]
+
+
+def _numbers(path, header, rows):
+    """Return the numbers of the rows, (rows, columns); raise InputError where there is something else."""
+    width = len(header.split(","))
+    try:
+        values = np.array([row.split(",") for row in rows], dtype=float).reshape(len(rows), width)
+        if np.isfinite(values[:, 0]).all():
+            return values
+    except ValueError:
+        pass
+    i, row = next((i, row) for i, row in enumerate(rows) if not _is_row(row, width))
+    found = row if len(row) <= LONGEST else f"{row[:LONGEST]}…"
+    raise InputError(f"{path}: line {i + 2} is {found!r}, expected {width} numbers, the time first; {ADVICE}")
+
+
+def _is_row(row, width):
+    try:
+        values = [float(word) for word in row.split(",")]
+    except ValueError:
+        return False
+    return len(values) == width and np.isfinite(values[0])
 
 
 def _cut(path, columns, time):
-    header, *rows = _complete_lines(path) or [""]
+    """Cut the rows later than a time, and return the time of the last one that is kept, None without one."""
+    header, *rows = _complete_lines(path)
     expected = _header(columns).strip()
     if header != expected:
         raise InputError(
             f"{path}: received the columns '{header}', expected '{expected}' of the scene; "
             "restart with the probes of the first run, or write to another directory with --output"
         )
-    kept = [row for row in rows if float(row.split(",", 1)[0]) <= time]
-    write_text(path, "\n".join([header, *kept]) + "\n")
+    times = _numbers(path, header, rows)[:, 0]
+    kept = np.flatnonzero(times <= time)
+    write_text(path, "\n".join([header, *(rows[i] for i in kept)]) + "\n")
+    return float(times[kept[-1]]) if len(kept) else None
 
 
 def read_history(path):
@@ -88,12 +123,8 @@ def read_history(path):
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file, expected the history.csv of a run; give the result directory of a run")
-    header, *rows = _complete_lines(path) or [""]
+    header, *rows = _complete_lines(path)
     names = header.split(",")
-    try:
-        values = np.array([row.split(",") for row in rows], dtype=float).reshape(-1, len(names))
-    except ValueError:
-        values = None
-    if names[0] != "t" or values is None:
+    if names[0] != "t":
         raise InputError(f"{path}: not a history: expected a header t,… and rows of as many numbers; run the scene again")
-    return dict(zip(names, values.T, strict=True))
+    return dict(zip(names, _numbers(path, header, rows).T, strict=True))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from mpi4py import MPI
 
 from ..errors import InputError
 from ..mesh.read import read_mesh
@@ -55,15 +56,19 @@ def _table(title, rows):
 
 
 def _describe_checkpoint(path):
-    header = checkpoint.read_header(path)
+    header = checkpoint.open_checkpoint(path, MPI.COMM_SELF)
     rows = [("step", header.get("step")), ("time", f"{header.get('time')} s"), ("scene", _title(header.get("scene")))]
+    rows += [("checksum", "right" if header["sealed"] else "none, an earlier version wrote the file")]
     rows += [(key.replace("_", " "), header[key]) for key in ("ranks", "nodes", "mesh_hash", "format_version")]
-    rows += [(f"array {name}", " x ".join(map(str, shape))) for name, shape in header["arrays"].items()]
+    rows += [(f"array {name}", " x ".join(map(str, array.shape))) for name, array in header["arrays"].items()]
     return _table(f"checkpoint {path}", rows)
 
 
 def _title(scene):
-    return parse_toml(scene).get("title", "without title") if scene else "not stated"
+    try:
+        return parse_toml(scene).get("title", "without title") if scene else "not stated"
+    except (TypeError, ValueError, RecursionError):
+        return "not readable"
 
 
 def _describe_summary(path):

@@ -1,5 +1,6 @@
 """summary.json: what a run did, in numbers; every key is documented here and nowhere else."""
 
+import json
 from pathlib import Path
 
 from .files import to_json, write_text
@@ -111,6 +112,16 @@ def write_summary(directory, summary):
     """Replace summary.json, keys in the order of SUMMARY_KEYS, on the calling rank.  Raises KeyError as check_summary."""
     check_summary(summary)
     write_text(Path(directory) / NAME, to_json(_sorted(summary), indent=2) + "\n")
+
+
+def read_summary(directory):
+    """Return the summary in a directory, None where there is none with the keys of this version."""
+    try:
+        summary = json.loads((Path(directory) / NAME).read_text(encoding="utf-8"))
+        check_summary(summary)
+    except (OSError, ValueError, KeyError, AttributeError, RecursionError):
+        return None
+    return summary
 
 
 def summary_documentation():

@@ -53,7 +53,9 @@ class Clock:
         return self.nominal if abs(rest - self.nominal) < 2 * SNAP * self.nominal else rest
 
     def next_size(self):
-        """Return the size of the next step: the nominal one, or a part of one that was cut."""
+        """Return the size of the next step: the nominal one, or a part of one that was cut; the nominal one at the end."""
+        if self.finished:
+            return self.nominal
         return min(self.substep or float("inf"), self.size_to(self.next_target()))
 
     def cut(self, target, dt):
@@ -160,6 +162,8 @@ class TimeLoop:
 
     def run(self, stop):
         """Advance to the end; raises an error of `shared_errors` after a checkpoint, others at once."""
+        if self.clock.finished:  # continued at the end
+            self._measures.require_limits(self.clock.t)
         try:
             if self._scene.time.consistent_start and self.clock.step == 0:
                 self._coupling.start(*self.clock.starting_schemes(self.model))

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from ..config import scene_to_toml
+from ..config import scene_to_toml, table_contents
 from ..output.checkpoint import write_checkpoint
 from ..output.fields import FieldWriter
 from ..output.history import History
@@ -48,6 +48,14 @@ class Records:
         if self._fields:
             self._fields.truncate(resumed_at)
 
+    def complete(self, clock, iterations):
+        """Write the state of a run that was continued at its end, where its files are in another directory."""
+        with self._stopwatch.measure("output"):
+            if self._history.last != clock.t:
+                self._history.append(clock.t, self._values(), iterations[-1])
+            if self._fields and clock.step not in [snapshot.step for snapshot in self._fields.snapshots]:
+                self._write_fields(clock)
+
     def start(self, clock):
         """Write the initial state."""
         with self._stopwatch.measure("output"):
@@ -84,6 +92,7 @@ class Records:
             header = {
                 "scene_name": self._scene.name,
                 "scene": scene_to_toml(self._scene),
+                "tables": table_contents(self._scene),
                 "step": clock.step,
                 "time": clock.t,
                 "clock": clock.state(),

@@ -1,32 +1,64 @@
 """Continue from a checkpoint, on any number of ranks; what may have changed in the scene and what not."""
 
-from ..config import completed
+import re
+
+from ..config import comparable, table_contents
 from ..errors import InputError
-from ..output.checkpoint import read_checkpoint
+from ..log import logger
+from ..output.checkpoint import damaged, read_arrays
 from ..output.files import parse_toml
+from .header import mistake
 
 # Sections that decide the state itself; time, output, solver and coupling settings may change.
-FIXED = ("model", "material", "boundary", "body_force", "stabilization")
+FIXED = ("model", "material", "boundary", "body_force", "stabilization", "interface")
 COMPARED = ("solution", "load", "length", "frequency", "surface")  # of [reference]: errors before and after belong together
 
+LIKE = re.compile(r"^(?:\w+\.tangent_(?:skeleton_)?|step_control\.)([a-z])(?:\.\d+)?$")  # names of arrays that hold a field
 
-def resume(path, mesh, scene, text, loop, coupling, energy, measures):
+
+def resume(path, header, scene, text, loop, coupling, energy, measures):
     """Load every part of a run from a checkpoint; text is the present scene as TOML (collective).
 
-    Raises InputError when the file is no checkpoint, belongs to another mesh or scene, or lies beyond the end time.
+    header : of `open_checkpoint`.
+    Raises InputError when the file belongs to another mesh or scene, is damaged, or lies beyond the end time.
     """
-    header, arrays = read_checkpoint(path, mesh)
+    mesh = coupling.solid.mesh
+    if not header["sealed"]:
+        logger.info("%s has no checksum: an earlier version wrote it, and damage in it cannot be noticed", path)
     try:
-        _load(path, header, arrays, scene, text, loop, coupling, energy, measures)
-    except (KeyError, TypeError) as missing:
-        raise InputError(f"{path}: damaged, its entry {missing} is missing or unreadable; use an earlier checkpoint") from missing
+        if wrong := mistake(header):
+            raise ValueError(wrong)
+        _require_same_scene(path, header, scene, text)
+        _require_arrays(header["arrays"], coupling.state())
+        arrays = read_arrays(path, header, mesh)
+        _load(path, header, arrays, scene, loop, coupling, energy, measures)
+    except KeyError as missing:
+        raise damaged(path, f"its entry {missing} is missing", mesh.comm) from missing
+    except (TypeError, ValueError) as failure:
+        raise damaged(path, str(failure), mesh.comm) from failure
 
 
-def _load(path, header, arrays, scene, text, loop, coupling, energy, measures):
-    _require_same_scene(path, completed(parse_toml(header["scene"])), parse_toml(text))
-    if header["time"] >= scene.time.end:
+def _require_arrays(arrays, state):
+    """Raise ValueError unless the arrays of a checkpoint are those of a state, name -> (n_owned, ...), but for its rows.
+
+    arrays : name -> `Dataset`.  What not every state has, as the points of tangents, has the shape of the field in its name.
+    """
+    missing = [name for name in state if name not in arrays]
+    if missing:
+        raise ValueError(f"its array {missing[0]} is missing")
+    for name, array in arrays.items():
+        like = state.get(name)
+        if like is None and (known := LIKE.search(name)):
+            like = state["fluid.p" if known[1] == "p" else "solid.u"]
+        if like is not None and (array.shape[1:], array.dtype) != (like.shape[1:], like.dtype):
+            received, expected = (f"rows of shape {x.shape[1:]} of {x.dtype}" for x in (array, like))
+            raise ValueError(f"its array {name} has {received}, expected {expected}")
+
+
+def _load(path, header, arrays, scene, loop, coupling, energy, measures):
+    if header["time"] > scene.time.end:
         received = f"the checkpoint is at t = {header['time']:g} s"
-        raise InputError(f"{path}: {received}, expected less than time.end = {scene.time.end:g} s; raise time.end")
+        raise InputError(f"{path}: {received}, expected at most time.end = {scene.time.end:g} s; raise time.end")
     loop.clock.load(header["clock"])
     loop.iterations.extend(header["iterations"])
     if loop.auto:
@@ -40,14 +72,28 @@ def _load(path, header, arrays, scene, text, loop, coupling, energy, measures):
         loop.control.load(arrays, header["step_control"])
 
 
-def _require_same_scene(path, before, now):
+def _require_same_scene(path, header, scene, text):
+    """Raise InputError where the scene of a checkpoint is another one, ValueError where it is none."""
+    contents = header.get("tables")  # None in one of an earlier version
+    before = comparable(_scene_of(header), contents)
+    now = comparable(parse_toml(text), contents if contents is None else table_contents(scene))
     fixed = _fixed(now, before)
     for section, old in _fixed(before, now).items():
         new = fixed[section]
         if old != new:
             key, received, expected = _difference(section, new, old)
-            text = f"the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value"
+            if key.endswith(".table") and contents is not None:
+                text = "the table has other numbers than when the checkpoint was written; restart with the same table"
+            else:
+                text = f"the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value"
             raise InputError(f"{path} [{key}]: {text}")
+
+
+def _scene_of(header):
+    try:
+        return parse_toml(header["scene"])
+    except (ValueError, RecursionError) as failure:
+        raise ValueError(f"its entry scene is no TOML: {failure}") from failure
 
 
 def _fixed(scene, other):

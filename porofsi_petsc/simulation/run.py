@@ -9,7 +9,7 @@ from ..config import scene_to_toml
 from ..errors import ExpectationError
 from ..linalg.stopwatch import Stopwatch
 from ..log import logger, start_log, stop_log
-from ..output.checkpoint import read_header
+from ..output.checkpoint import open_checkpoint
 from ..output.directory import prepare
 from ..output.expectations import evaluate, failed
 from ..output.figures import make_curves, make_figures
@@ -18,7 +18,7 @@ from ..output.history import read_history
 from ..output.period import period_analysis
 from ..output.profiles import write_profiles
 from ..output.progress import Progress
-from ..output.summary import write_summary
+from ..output.summary import read_summary, write_summary
 from .build import build_coupling, local_mesh
 from .energy import Energy
 from .loop import StopRequest, TimeLoop
@@ -39,8 +39,7 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError; whatever was accepted before is on disk.
     """
     comm, stopwatch, notice = MPI.COMM_WORLD, Stopwatch(), compilation_notice()
-    if restart is not None:
-        on_root(comm, read_header, restart)
+    header = open_checkpoint(restart, comm) if restart is not None else None
     with stopwatch.measure("setup"):
         mesh = local_mesh(scene, comm)
         coupling = build_coupling(scene, mesh, stopwatch)
@@ -50,7 +49,7 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     if notice:
         logger.info(notice)
     try:
-        summary = _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, max_time)
+        summary = _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, header, max_time)
     finally:
         stop_log()
     for block in coupling.blocks.values():
@@ -64,15 +63,15 @@ class _Run:
 
     def __init__(self, scene, directory, coupling, measures, stopwatch, quiet):
         self.scene, self.directory, self.coupling, self.measures = scene, directory, coupling, measures
-        self.stopwatch, self.energy, self.quiet = stopwatch, Energy(), quiet
+        self.stopwatch, self.energy, self.quiet, self.former = stopwatch, Energy(), quiet, None
         self.comm = coupling.solid.mesh.comm
         self.records = Records(scene, directory, coupling, self.energy, measures, stopwatch)
         self.loop = TimeLoop(scene, coupling, self.energy, measures, self.records)
 
-    def go(self, restart, max_time):
+    def go(self, restart, header, max_time):
         """Run to the end and return the summary; it is written before an error that all ranks share ends the run."""
         text = scene_to_toml(self.scene)
-        self._start(restart, text)
+        self._start(restart, header, text)
         on_root(self.comm, write_text, self.directory / "scene.toml", text)
         stop, summary = StopRequest(self.comm, max_time), None
         terminal = None if self.comm.size == 1 else False  # mpirun shows its ranks a terminal, also where it writes to a file
@@ -91,7 +90,7 @@ class _Run:
         self._judge(summary)
         return summary
 
-    def _start(self, restart, text):
+    def _start(self, restart, header, text):
         mesh = self.coupling.solid.mesh
         ranks = "1 rank" if self.comm.size == 1 else f"{self.comm.size} ranks"
         logger.info("%s: %d elements, %d nodes, %s", self.scene.name, mesh.n_cells_global, mesh.n_global, ranks)
@@ -100,9 +99,24 @@ class _Run:
             self.records.open()
             self.records.start(self.loop.clock)
             return
-        resume(restart, mesh, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
+        resume(restart, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
         self.records.open(resumed_at=self.loop.clock.t)
         logger.info("continued from %s at t = %g s (step %d)", restart, self.loop.clock.t, self.loop.clock.step)
+        if self.loop.clock.finished:
+            self._complete()
+
+    def _complete(self):
+        """Take over what a run has left that reached its end; its figures, verdict and summary are still to be made."""
+        logger.info("that is the end of the run: no step is left, its figures and its summary are made again")
+        self.records.complete(self.loop.clock, self.loop.iterations)
+        self.former = on_root(self.comm, self._read_former)
+
+    def _read_former(self):
+        """Return the summary of the run that did the steps, None where it was killed before it wrote one."""
+        summary, clock = read_summary(self.directory), self.loop.clock
+        ends = (0, ExpectationError.exit_code)
+        same = summary and (summary["steps"], summary["time_end"]) == (clock.step, clock.t) and summary["exit_code"] in ends
+        return summary if same else None
 
     def _finish(self, progress, exit_code):
         """Close the files, write figures and summary; return the summary (collective)."""
@@ -125,6 +139,8 @@ class _Run:
         )
         parts = self.coupling, self.loop, self.energy, self.measures, self.stopwatch
         summary = summarize(self.scene, *parts, judgement, files, exit_code)
+        if self.former:  # what the steps took is known there
+            summary = self.former | judgement | {"files": files, "exit_code": exit_code}
         on_root(self.comm, write_summary, self.directory, summary)
         return summary
 

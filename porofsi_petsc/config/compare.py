@@ -1,0 +1,51 @@
+"""Scenes as a restart compares them: complete, and a table of a load by its numbers, wherever its file lies."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .expressions import Expression
+from .load import completed
+from .schema import Scene
+from .types import Table
+
+
+class _Named(Expression):
+    """A table that is compared, not read: its source is a name for its numbers."""
+
+    def __init__(self, name):
+        self.names, self.content, self.source = frozenset("t"), name, {"table": name}
+
+
+def table_contents(scene: Scene) -> dict:
+    """Return dotted key -> hash of the numbers, for every table of a scene."""
+    return dict(_contents(scene, ()))
+
+
+def comparable(tables: dict, contents: dict | None) -> dict:
+    """Return the tables of a scene, as `scene_to_toml` writes them, with all defaults and { table = HASH } for its tables.
+
+    contents : of `table_contents`; None where they are not known: then a table goes by the name of its file.
+    """
+    return completed(_named(tables, contents, ()))
+
+
+def _contents(value: Any, place: tuple) -> Iterator[tuple[str, str]]:
+    if isinstance(value, Expression) and value.content:
+        yield ".".join(place), value.content
+    elif isinstance(value, Table):
+        for name, field in type(value).model_fields.items():
+            yield from _contents(getattr(value, name), (*place, field.alias or name))
+    elif isinstance(value, tuple):
+        for i, entry in enumerate(value):
+            yield from _contents(entry, (*place, str(i)))
+
+
+def _named(value, contents, place):
+    if isinstance(value, list):
+        return [_named(entry, contents, (*place, str(i))) for i, entry in enumerate(value)]
+    if not isinstance(value, dict):
+        return value
+    if "table" in value:
+        return _Named((contents or {}).get(".".join(place), Path(value["table"]).name))
+    return {key: _named(entry, contents, (*place, key)) for key, entry in value.items()}
