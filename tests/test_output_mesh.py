@@ -116,6 +116,8 @@ def test_probes_interpolate_on_curved_elements(name):
 def test_probe_outside_of_the_mesh_is_refused():
     with pytest.raises(InputError, match=r"\[\[probe\]\] 'A': at = \[2.5, 1\] lies outside of the mesh.*\[0, 2\] x \[0, 1\] m"):
         Probes(local_mesh("T3"), [("B", [1.0, 1.0]), ("A", [2.5, 1.0])])
+    with pytest.raises(InputError, match=r"at = \[2.0000001, 1\] lies outside"):
+        Probes(local_mesh("T3"), [("A", [2.0000001, 1.0])])
 
 
 def test_no_probes_give_no_values():

@@ -140,18 +140,24 @@ def require_regions_of_cells(points, cells, cell_region, where):
         )
 
 
-def require_tagged_boundary(points, cells, element, tagged, where):
-    """Raise InputError for a boundary facet without a tag, or a facet of three cells; tagged : (E, facets of a cell) bool."""
-    multiplicity = facet_multiplicity(cells, element)
-    untagged = (multiplicity == 1) & ~tagged
-    for wrong, what in (
-        (multiplicity > 2, "facets are shared by more than two cells, the first at {}; remove the doubled cells"),
-        (untagged, "boundary facets have no tag, the first at {}; put every boundary facet into a named physical group"),
-    ):
-        cell, local = np.nonzero(wrong)
-        if len(cell):
-            corners = cells[cell[0], list(element.facets[local[0]][: element.dim])]
-            raise InputError(f"{where}: {len(cell)} {what.format(place(points[corners].mean(axis=0)))}")
+def require_manifold(points, cells, element, group, where):
+    """Raise InputError for a facet of three cells; group : number of each facet, (E, facets of a cell)."""
+    what = "facets are shared by more than two cells, the first at {}; remove the doubled cells"
+    _require_none((np.bincount(group.ravel()) > 2)[group], what, points, cells, element, where)
+
+
+def require_tagged_boundary(points, cells, element, group, tagged, where):
+    """Raise InputError for a boundary facet without a tag; group, tagged (bool) : (E, facets of a cell)."""
+    what = "boundary facets have no tag, the first at {}; put every boundary facet into a named physical group"
+    untagged = (np.bincount(group.ravel()) == 1)[group] & ~tagged
+    _require_none(untagged, what, points, cells, element, where)
+
+
+def _require_none(wrong, what, points, cells, element, where):
+    cell, local = np.nonzero(wrong)
+    if len(cell):
+        corners = cells[cell[0], list(element.facets[local[0]][: element.dim])]
+        raise InputError(f"{where}: {len(cell)} {what.format(place(points[corners].mean(axis=0)))}")
 
 
 def boundary_tags(mesh):

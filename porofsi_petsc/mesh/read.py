@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from . import check
+from . import check, overlap
 from .mesh import Mesh
-from .topology import cell_facets, locate_facets
+from .topology import cell_facets, facet_groups, locate_facets
 
 FACET_KINDS = {2: ("line", "line3"), 3: ("triangle", "triangle6")}
 GMSH_NUMBERS = "gmsh:physical"
@@ -37,7 +37,10 @@ def read_mesh(path, dim):
     cells = check.oriented(points, cells, element, path)
     check.require_positive_jacobian(points, cells, element, path)
     used, cell_region = np.unique(cell_tag, return_inverse=True)
-    facets = _facets(points, cells, element, _gather(source.cells, tags, FACET_KINDS[dim]), names, path)
+    group = facet_groups(cells, element)
+    for require in (check.require_manifold, overlap.require_unfolded, overlap.require_disjoint):
+        require(points, cells, element, group, path)
+    facets = _facets(points, cells, element, group, _gather(source.cells, tags, FACET_KINDS[dim]), names, path)
     return Mesh(points, cells, element, tuple(names[i] for i in used), cell_region, facets)
 
 
@@ -122,7 +125,7 @@ def _gather(blocks, tags, kinds):
     return np.concatenate([data[:, :width] for data, _ in chosen]).astype(np.int64), np.concatenate([tag for _, tag in chosen])
 
 
-def _facets(points, cells, element, tagged_facets, names, path):
+def _facets(points, cells, element, group, tagged_facets, names, path):
     """Return the tagged facets by name, each once, with the nodes and the outward orientation of its cell."""
     nodes, tag = (array[tagged_facets[1] >= 0] for array in tagged_facets)
     n_facets = len(element.facets)
@@ -137,7 +140,7 @@ def _facets(points, cells, element, tagged_facets, names, path):
         _require_one_tag(points, nodes, unique, names, path)
         tagged[cell, local] = True
         facets = {names[i]: nodes[tag == i] for i in np.unique(tag)}
-    check.require_tagged_boundary(points, cells, element, tagged, path)
+    check.require_tagged_boundary(points, cells, element, group, tagged, path)
     return facets
 
 

@@ -34,11 +34,16 @@ def cell_facets(cells, element):
     return cells[:, np.array(element.facets)]
 
 
+def facet_groups(cells, element):
+    """Return the number of every facet of every cell, (E, number of facets), shared ones with one number."""
+    vertices = cell_facets(cells, element)[:, :, : element.dim]
+    return group_rows(vertices.reshape(-1, element.dim)).reshape(vertices.shape[:2])
+
+
 def facet_multiplicity(cells, element):
     """Return by how many cells each facet is shared, (E, number of facets)."""
-    vertices = cell_facets(cells, element)[:, :, : element.dim]
-    group = group_rows(vertices.reshape(-1, element.dim))
-    return np.bincount(group)[group].reshape(vertices.shape[:2])
+    group = facet_groups(cells, element)
+    return np.bincount(group.ravel())[group]
 
 
 def boundary_facets(cells, element):

@@ -99,6 +99,6 @@ def _refuse_outside(mesh, points, winner):
     mesh.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     for (name, point), cell in zip(points, winner, strict=True):
         if cell == NOWHERE:
-            box = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
-            where = ", ".join(f"{x:g}" for x in point)
+            box = " x ".join(f"[{a:.12g}, {b:.12g}]" for a, b in zip(low, high, strict=True))
+            where = ", ".join(f"{x:.12g}" for x in point)
             raise InputError(f"[[probe]] '{name}': at = [{where}] lies outside of the mesh, expected a point of it ({box} m)")

@@ -20,6 +20,7 @@ from .auto import AutoMedium, auto_terms
 from .interface import interface_medium
 from .setups import fluid_setup, materials_of, nodal_field, solid_setup
 from .sides import check_sides
+from .supports import require_supports
 
 MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
 
@@ -50,6 +51,7 @@ def serial_mesh(scene):
     require_every_tag(sorted(outer), [tag for boundary in scene.boundary for tag in boundary.on], where)
     if not scene.is_porous:
         check_sides(scene, mesh, kinds, where)
+    require_supports(scene, mesh, kinds, where)
     return mesh
 
 

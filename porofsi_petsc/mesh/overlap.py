@@ -1,0 +1,192 @@
+"""Cells of a mesh from outside that overlap: folded over a common facet, or one at the boundary over any.
+
+All cells are positively oriented.  Then the number of cells over a point is the degree of the mesh as a
+map, and that changes across the boundary only, where it is higher on the inner side: no two cells
+overlap where neighbours lie on opposite sides of their common facet and no cell at the boundary overlaps
+another one.
+"""
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import InputError
+from .check import place
+from .topology import cell_facets
+
+# Depth of a cell in another that is no overlap, in smallest heights of a cell: digits of a mesh file.
+ROUNDED = 1e-3
+# The same between parts without common nodes, in longest edges: the sides of an interface may lie apart
+# by a tenth (fem/transfer.py), on curved ones both have their own sagitta.
+APART = 0.15
+PARALLEL = 1e-9  # product of two edges over the largest, below which it has no direction
+LEAF = 32  # cells that are compared with all cells near them at once
+
+
+def require_unfolded(points, cells, element, group, where):
+    """Raise InputError where two cells lie on the same side of their common facet.
+
+    Neighbours that are oriented alike traverse it in opposite directions.  group : (E, facets of a cell)
+    """
+    sides = _parity(cell_facets(cells, element)[:, :, : element.dim])
+    balance = np.bincount(group.ravel(), weights=sides.ravel())
+    wrong = ((np.bincount(group.ravel()) == 2) & (balance != 0))[group]
+    if not wrong.any():
+        return
+    first = np.argwhere(group == group[wrong][0])
+    corners = cells[first[0, 0], list(element.facets[first[0, 1]][: element.dim])]
+    names = " and ".join(f"{e} at {_centre(points, cells, element, e)}" for e in first[:, 0])
+    raise InputError(
+        f"{where}: the mesh is tangled at {int(wrong.sum()) // 2} facets, the first at"
+        f" {place(points[corners].mean(axis=0))}: its cells {names} (counted from 0) lie on the same side"
+        " of it; mesh the domain again, a node has been moved across its neighbours or a cell is doubled"
+    )
+
+
+def require_disjoint(points, cells, element, group, where):
+    """Raise InputError where a cell at the boundary overlaps another one.  group : (E, facets of a cell)"""
+    outer = np.flatnonzero((np.bincount(group.ravel()) == 1)[group].any(axis=1))
+    corners = points[cells[:, : element.dim + 1]]
+    gradients = _gradients(corners)
+    allowed = ROUNDED * _height(corners) + 2 * _bulge(points, cells, element)
+    for a, b in _near(*_boxes(corners), outer):
+        depth = _depth(corners, gradients, a, b, np.minimum(allowed[a], allowed[b]))
+        deep = depth > np.maximum(allowed[a], allowed[b])
+        deep[deep] = _too_deep(len(points), cells, corners, depth[deep], a[deep], b[deep])
+        if deep.any():
+            first = a[deep][0], b[deep][0]
+            names = " and ".join(f"{e} at {_centre(points, cells, element, e)}" for e in first)
+            raise InputError(
+                f"{where}: cells overlap: {names} (counted from 0), the first of which is at the boundary;"
+                " remove one of them or mesh the domain again"
+            )
+
+
+def _parity(facets):
+    """Return +1 or -1, (E, f), by which the vertices (E, f, d) of facets are an even or odd permutation."""
+    low, high = np.triu_indices(facets.shape[2], k=1)
+    return np.sign(facets[:, :, high] - facets[:, :, low]).prod(axis=2)
+
+
+def _centre(points, cells, element, e):
+    return place(points[cells[e, : element.dim + 1]].mean(axis=0))
+
+
+def _boxes(corners):
+    """Return the lower and upper corners of the boxes around simplices (n, k, d), (d, n) each."""
+    return corners.min(axis=1).T.copy(), corners.max(axis=1).T.copy()
+
+
+def _near(low, high, outer):
+    """Yield pairs of cells, (k,) each, whose boxes meet, the first one of the outer cells (n,).
+
+    The outer ones are halved until few are left.  low, high : (d, E)
+    """
+    todo = [(outer, np.arange(low.shape[1]))]
+    while todo:
+        some, cells = todo.pop()
+        below, above = low[:, some], high[:, some]
+        lowest, highest = below.min(axis=1, keepdims=True), above.max(axis=1, keepdims=True)
+        cells = cells[_meet(low[:, cells], high[:, cells], lowest, highest)]
+        if len(some) <= LEAF:
+            a, b = np.nonzero(_meet(low[:, None, cells], high[:, None, cells], below[..., None], above[..., None]))
+            other = some[a] != cells[b]
+            yield some[a[other]], cells[b[other]]
+        else:
+            order = np.argsort((below + above)[np.argmax(highest - lowest)])
+            todo += [(half, cells) for half in np.array_split(some[order], 2)]
+
+
+def _meet(low, high, other_low, other_high):
+    """Return whether boxes meet; the first axis is that of the coordinates."""
+    return ((low <= other_high) & (high >= other_low)).all(axis=0)
+
+
+def _depth(corners, gradients, a, b, allowed):
+    """Return how deep cells a reach into cells b, (n,) [m]; what is not more than allowed is not exact.
+
+    The least depth along the normals of both and, in space, the products of their edges (separating
+    axis theorem; Gottschalk, Lin & Manocha 1996).
+    """
+    depth = _across_facets(corners[a], gradients[a], corners[b])
+    near = np.flatnonzero(depth > allowed)
+    for along in (_depth_in_second, _depth_along_edges)[: corners.shape[2] - 1]:
+        depth[near] = np.minimum(depth[near], along(corners, gradients, a[near], b[near]))
+        near = near[depth[near] > allowed[near]]
+    return depth
+
+
+def _gradients(corners):
+    """Return ∇λ of the barycentric coordinates of cells, (E, d + 1, d) [1/m]."""
+    others = np.linalg.inv(corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
+    return np.concatenate([-others.sum(axis=1, keepdims=True), others], axis=1)
+
+
+def _across_facets(corners, gradients, other):
+    """Return the depth of other simplices along the facet normals of simplices, (n,) [m]."""
+    coordinates = np.einsum("nid,nvd->vin", gradients, other - corners[:, :1])
+    coordinates[:, 0] += 1
+    depth = np.minimum(1 - coordinates.min(axis=0), coordinates.max(axis=0))
+    return (depth / np.sqrt(np.einsum("nid,nid->in", gradients, gradients))).min(axis=0)
+
+
+def _depth_in_second(corners, gradients, a, b):
+    return _across_facets(corners[b], gradients[b], corners[a])
+
+
+def _depth_along_edges(corners, gradients, a, b):
+    """Return the depth along the products of the edges of tetrahedra that are not parallel, (n,) [m]."""
+    axes = _edge_products(corners[a], corners[b])
+    length = np.linalg.norm(axes, axis=2)
+    first, second = (np.einsum("nkd,nvd->nkv", axes, corners[cells]) for cells in (a, b))
+    depth = np.minimum(first.max(axis=2) - second.min(axis=2), second.max(axis=2) - first.min(axis=2))
+    usable = length > PARALLEL * length.max(axis=1, keepdims=True)
+    apart = np.divide(depth, length, out=np.full_like(depth, np.inf), where=usable)
+    return apart.min(axis=1, initial=np.inf)
+
+
+def _edge_products(first, second):
+    """Return the products of the edges of tetrahedra, (n, 36, 3)."""
+    products = np.cross(_edges(first)[:, :, None], _edges(second)[:, None])
+    return products.reshape(len(first), 36, 3)
+
+
+def _edges(corners):
+    low, high = np.triu_indices(corners.shape[1], k=1)
+    return corners[:, high] - corners[:, low]
+
+
+def _size(corners):
+    """Return the longest edge of simplices, (n,) [m]."""
+    return np.linalg.norm(_edges(corners), axis=2).max(axis=1)
+
+
+def _height(corners):
+    """Return d! V over the longest edge to the power d - 1, about the smallest height, (n,) [m]."""
+    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+    return volume / _size(corners) ** (corners.shape[2] - 1)
+
+
+def _bulge(points, cells, element):
+    """Return by how much the edges of cells are curved, (n,) [m]: mid-edge nodes from the chords."""
+    if element.order == 1:
+        return np.zeros(len(cells))
+    a, b = np.array(element.edges).T
+    chord = (points[cells[:, a]] + points[cells[:, b]]) / 2
+    return np.linalg.norm(points[cells[:, element.dim + 1 :]] - chord, axis=2).max(axis=1)
+
+
+def _too_deep(n_nodes, cells, corners, depth, first, second):
+    """Return which pairs overlap by more than parts without common nodes may."""
+    if not len(first):
+        return np.zeros(0, dtype=bool)
+    part = _parts(cells, n_nodes)
+    size = np.maximum(_size(corners[first]), _size(corners[second]))
+    return (part[cells[first, 0]] == part[cells[second, 0]]) | (depth > APART * size)
+
+
+def _parts(cells, n_nodes):
+    """Return the number of the part that a node belongs to, (N,): cells with a common node are one."""
+    first, other = np.repeat(cells[:, 0], cells.shape[1] - 1), cells[:, 1:].ravel()
+    graph = csr_matrix((np.ones(len(first), dtype=bool), (first, other)), shape=(n_nodes, n_nodes))
+    return connected_components(graph, directed=False)[1]

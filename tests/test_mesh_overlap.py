@@ -1,0 +1,111 @@
+"""Mesh files whose cells overlap: tangled by a moved node, hung on the boundary, folded over themselves."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_mesh_read import MESHES, blocks, refused_groups, write22
+
+from porofsi_petsc.mesh import box, read_mesh, rectangle
+
+AXIS = SimpleNamespace(points=[0.0, 3.0], cells=[3], ratios=None)
+GRIDS = {
+    **{f"T{3 * order}": rectangle(AXIS, AXIS, order) for order in (1, 2)},
+    **{name: box(AXIS, AXIS, AXIS, order) for name, order in (("T4", 1), ("T10", 2))},
+}
+FLIP = {"T3": [0, 2, 1], "T6": [0, 2, 1, 5, 4, 3], "T4": [0, 2, 1, 3], "T10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]}
+TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+TETRAHEDRON = np.vstack([np.zeros(3), np.eye(3)])
+
+
+def moved(mesh, shift):
+    """Return the points with the first inner vertex shifted along x, mid-edge nodes in the middle."""
+    points = mesh.points.copy()
+    points[np.abs(points - 1.0).sum(axis=1) < 1e-12, 0] += shift
+    corners = mesh.dim + 1
+    for i, (a, b) in enumerate(mesh.element.edges[: mesh.cells.shape[1] - corners]):
+        points[mesh.cells[:, corners + i]] = (points[mesh.cells[:, a]] + points[mesh.cells[:, b]]) / 2
+    return points
+
+
+def half_clockwise(mesh):
+    """Return the groups of a mesh with every second cell turned over."""
+    cells = mesh.cells.copy()
+    cells[::2] = cells[::2, FLIP[mesh.element.name]]
+    return [(k, d, n, cells if d == mesh.dim else nodes) for k, d, n, nodes in blocks(mesh)]
+
+
+def with_cells(mesh, corners, nodes):
+    """Return points and groups with one more linear cell: known nodes, then new ones at corners (n, d)."""
+    new = len(mesh.points) + np.arange(len(corners))
+    cell = np.array([[*nodes, *new]])
+    group = (mesh.element.meshio_name, mesh.dim, "body", cell)
+    return np.vstack([mesh.points, corners]), [*blocks(mesh), group]
+
+
+@pytest.mark.parametrize("shift", [1.2, 1.5, 1.9, -1.3])
+@pytest.mark.parametrize("name", GRIDS)
+def test_a_node_moved_across_its_neighbours_is_refused(tmp_path, name, shift):
+    mesh = GRIDS[name]
+    message = r"the mesh is tangled at \d+ facets, the first at \(.*\): its cells \d+ at \(.* same side"
+    refused_groups(tmp_path, moved(mesh, shift), half_clockwise(mesh), message, dim=mesh.dim)
+
+
+@pytest.mark.parametrize("shift", [0.3, -0.4, 0.6])
+@pytest.mark.parametrize("name", GRIDS)
+def test_a_distorted_mesh_of_either_orientation_is_accepted(tmp_path, name, shift):
+    mesh = GRIDS[name]
+    write22(tmp_path / "a.msh", moved(mesh, shift), half_clockwise(mesh))
+    assert len(read_mesh(tmp_path / "a.msh", mesh.dim).cells) == len(mesh.cells)
+
+
+def test_a_cell_that_is_hung_on_a_node_of_the_boundary_is_refused(tmp_path):
+    at = r"cells overlap: \d+ at \(.*\) and \d+ at \(.*\) \(counted from 0\), the first .*; remove one"
+    plane, space = GRIDS["T3"], GRIDS["T4"]
+    refused_groups(tmp_path, *with_cells(plane, [[0.9, 0.2], [0.8, 0.8]], [0]), at)
+    refused_groups(tmp_path, *with_cells(space, [[0.9, 0.2, 0.2], [0.8, 0.8, 0.1], [0.3, 0.3, 0.9]], [0]), at, dim=3)
+    tip = [[1.5, 1.4]]
+    refused_groups(tmp_path, *with_cells(plane, tip, [0, 1]), r"the mesh is tangled at 1 facets, the first at \(0.5, 0\)")
+
+
+@pytest.mark.parametrize("name, corners", [("T3", TRIANGLE), ("T4", TETRAHEDRON)])
+def test_a_part_without_common_nodes_may_touch_but_not_overlap(tmp_path, name, corners):
+    """Sides of an interface lie within a tenth of a facet of each other, which both sides may curve."""
+    mesh = GRIDS[name]
+    for offset, fine in ((0.5, False), (1.3, False), (2.6, False), (2.95, True), (3.0, True)):
+        shift = np.array([offset, *np.full(mesh.dim - 1, 0.7)])
+        points, groups = with_cells(mesh, corners + shift, [])
+        if not fine:
+            refused_groups(tmp_path, points, groups, "cells overlap: ", dim=mesh.dim)
+        else:
+            refused_groups(tmp_path, points, groups, "boundary facets have no tag", dim=mesh.dim)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("turn", [1.2, 1.21, 1.0])
+def test_a_strip_may_meet_itself_after_a_turn_but_not_go_on(tmp_path, order, turn):
+    """Its cells are upright and neighbours agree; after 1.2 turns whole cells lie on each other."""
+    long, wide = (SimpleNamespace(points=[0.0, 1.0], cells=[n], ratios=None) for n in (24, 2))
+    strip = rectangle(long, wide, order)
+    angle, r = 2 * np.pi * turn * strip.points[:, 0], 2.0 - strip.points[:, 1]
+    points = r[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    if turn > 1:
+        refused_groups(tmp_path, points, blocks(strip), "cells overlap: ")
+    else:
+        write22(tmp_path / "a.msh", points, blocks(strip))
+        assert len(read_mesh(tmp_path / "a.msh", 2).cells) == len(strip.cells)
+
+
+def test_a_body_that_is_in_the_file_twice_is_refused(tmp_path):
+    mesh = GRIDS["T4"]
+    groups = blocks(mesh)
+    copies = [(k, d, n, nodes + len(mesh.points)) for k, d, n, nodes in groups]
+    refused_groups(tmp_path, np.vstack([mesh.points] * 2), [*groups, *copies], "cells overlap: ", dim=3)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_digits_of_a_file_are_no_overlap(tmp_path, name):
+    mesh = MESHES[name]
+    rounded = np.round(mesh.points + 1e-4 * np.sin(7 * mesh.points), 4)
+    write22(tmp_path / "a.msh", rounded, blocks(mesh))
+    assert len(read_mesh(tmp_path / "a.msh", mesh.dim).cells) == len(mesh.cells)
