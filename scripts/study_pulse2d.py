@@ -268,7 +268,7 @@ Written by `scripts/study_pulse2d.py` (do not edit by hand):
 
     python scripts/study_pulse2d.py run all && python scripts/study_pulse2d.py write
 
-h and Δt are those of the shipped scenes; pulse2d is shipped with T6, pulse2d_low_permeability with T3. Wall times are those
+h and Δt are those of the shipped scenes, which have T6. Wall times are those
 of one core of a machine that others used at the same time: orders of magnitude.
 
 ## pulse2d: peaks
