@@ -310,3 +310,43 @@ def test_many_mistakes_get_a_line_each(scene_file):
     with pytest.raises(InputError) as caught:
         load_scene(scene_file, ["time.end=no", "mesh.order=3", "title=1"])
     assert len(str(caught.value).splitlines()) == 3
+
+
+FREE = """
+title = "A solid beside a free fluid, without [model]"
+[mesh]
+kind = "rectangle"
+x = { points = [0, 1, 2], cells = [1, 1] }
+y = { points = [0, 1], cells = [1] }
+regions = [{ name = "flap", x = [1, 2] }]
+[time]
+end = 1.0
+step = 0.5
+[[material]]
+region = "body"
+fluid = { density = 1000.0, viscosity = 1.0 }
+[[material]]
+region = "flap"
+solid = { law = "saint_venant_kirchhoff", young = 1e5, poisson = 0.4, density = 1000.0 }
+"""
+
+
+def test_a_free_fluid_is_by_default_that_of_navier_and_stokes_on_a_mesh_that_follows(tmp_path):
+    terms = ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh")
+
+    def model_of(*overrides, text=FREE):
+        path = tmp_path / "free.toml"
+        path.write_text(text)
+        scene = load_scene(path, overrides)
+        path.write_text(scene_to_toml(scene))
+        assert load_scene(path) == scene
+        return tuple(getattr(scene.model, term) for term in terms)
+
+    assert model_of() == (True, True, True, True, True)
+    assert model_of("time.scheme=steady") == (False, False, True, True, True)
+    assert model_of("model.moving_mesh=false", "model.convection=false") == (True, True, False, True, False)
+    assert model_of(text=FREE.replace(", viscosity = 1.0", "")) == (True, True, True, False, True)
+    alone = 'material=[{region="all", fluid={density=1000.0, viscosity=1.0}}]'
+    assert model_of(alone) == (True, True, True, True, False)
+    solid = 'material=[{region="all", solid={law="neo_hookean", young=1e5, poisson=0.4, density=1000.0}}]'
+    assert model_of(solid) == (True, True, False, False, False)

@@ -23,6 +23,8 @@ regions = [{{ name = "plug", x = [1.0, 2.0] }}]
 solid_inertia = false
 fluid_inertia = false
 viscosity = true
+convection = false
+moving_mesh = false
 
 [time]
 scheme = "steady"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pydantic import PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_expressions
 from .geometry import MeshSection
@@ -40,10 +40,10 @@ class Scene(Table):
     title: Text
     description: Text = ""
     mesh: MeshSection
-    model: Model = Model()
     limits: Limits = Limits()
     time: Time
     material: list_of(Material, shortest=1)
+    model: Model = Field(default=Model(), validate_default=True)  # after what its defaults depend on
     boundary: list_of(Boundary) = ()
     body_force: BodyForce = BodyForce()
     initial: Initial = Initial()
@@ -98,6 +98,13 @@ class Scene(Table):
         return isinstance(other, Scene) and self.model_dump() == other.model_dump()
 
     __hash__ = None
+
+    @field_validator("model", mode="after")
+    @classmethod
+    def _complete_model(cls, model: Model, info: ValidationInfo) -> Model:
+        if not {"time", "material"} <= info.data.keys():
+            return model
+        return model.completed(info.data["material"], info.data["time"].scheme == "steady")
 
     @model_validator(mode="after")
     def _sections_agree(self):

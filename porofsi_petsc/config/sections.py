@@ -22,13 +22,31 @@ class Model(Table):
     moving_mesh: Switch = False
     porosity: Literal["constant", "variable", "auto"] = "constant"
 
+    def completed(self, materials: tuple, steady: bool) -> "Model":
+        """Return the model with other defaults where they are not given.
+
+        Of a free fluid: the equations of Navier and Stokes, on a mesh that follows a solid beside it; steady: no inertia.
+        """
+        free = [material.fluid for material in materials if material.kind == "fluid"]
+        beside_solid = bool(free) and len(free) < len(materials)
+        defaults = {
+            "solid_inertia": not steady,
+            "fluid_inertia": not steady,
+            "convection": bool(free),
+            "viscosity": any(fluid.viscosity for fluid in free),
+            "moving_mesh": beside_solid,
+        }
+        given = self.model_fields_set
+        return self.model_copy(update={name: value for name, value in defaults.items() if name not in given})
+
 
 class Limits(Table):
     """Bounds that stop the run when a term left out turns out large; "report" only reports it.
 
-    strain: max |E| of a small-strain law; mesh_displacement: max |u| over the element size when the mesh is fixed; reynolds:
-    element Reynolds number without convection; inertia: inertial over largest force without inertia; porosity_change: of n_f
-    over n_f with constant porosity; viscosity: viscous over drag force without the Brinkman term.
+    strain: max |E| of a small-strain law; mesh_displacement: max |∇u|, strain and rotation, when the mesh is fixed (beside a free
+    fluid also |u| over its width); reynolds: element Reynolds number without convection; inertia: inertial over largest force
+    without inertia; porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force without the
+    Brinkman term.
     """
 
     strain: Limit = 0.05

@@ -1,6 +1,7 @@
 """What is looked at after a step: nodal output fields, the size of what the model leaves out, pressure oscillations."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -196,8 +197,24 @@ class Measures:
         return self._maximum(np.sqrt(np.einsum("...ij,...ij->...", E, E)))
 
     def _mesh_displacement(self, u):
-        length = np.linalg.norm(self._fluid.gather(u), axis=-1).max(axis=1)
-        return self._maximum(length / self._fluid.h)
+        """Return the largest strain and rotation, |∇u|: to this part a mesh at rest has wrong lengths, areas and directions.
+
+        Beside a free fluid, which has no ∇u on such a mesh, at least the part of its width by which its boundary moves.
+        """
+        H = self._gradients(u, self._solid)
+        change = self._maximum(np.sqrt(np.einsum("...ij,...ij->...", H, H)))
+        if self._scene.is_porous:
+            return change
+        return max(change, self._maximum(np.linalg.norm(self._solid.gather(u), axis=-1)) / self._width)
+
+    @cached_property
+    def _width(self):
+        """Return the shortest side of the box around the fluid [m] (collective)."""
+        X = self._mesh.X[self._fluid.holds]
+        low, high = np.empty(self._mesh.dim), np.empty(self._mesh.dim)
+        self._mesh.comm.Allreduce(X.min(axis=0, initial=np.inf), low, MPI.MIN)
+        self._mesh.comm.Allreduce(X.max(axis=0, initial=-np.inf), high, MPI.MAX)
+        return float((high - low).min())
 
     def _volume_ratio(self, u):
         """Return the mean J of every element of the fluid's mesh, (E, 1): 1 where it does not move."""
@@ -272,7 +289,8 @@ def _omissions(scene, materials):
         yield left_out("strain", "", "take a law for large strain in material.solid.law", meaning)
     solids, fluids = scene.phases
     if not model.moving_mesh and solids and fluids:
-        meaning = "largest displacement over element size on the fixed mesh"
+        width = "" if scene.is_porous else ", or displacement over the width of the fluid,"
+        meaning = f"largest strain and rotation, |grad u|{width} on the fixed mesh"
         yield left_out("mesh_displacement", "moving_mesh", "set model.moving_mesh = true", meaning)
     if not model.convection and fluids:
         meaning = "convection over transient, drag and viscous forces at element scale"
