@@ -1,18 +1,22 @@
-"""Command line: start of MPI and PETSc, exit codes, and the end of the whole job when one rank fails.
+"""Command line: start of MPI and PETSc, exit codes, and the end of the whole job when one rank fails or a signal comes.
 
 Nothing heavy is imported before a command needs it, so that --help answers at once.
 """
 
 import math
+import os
+import signal
 import sys
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 
 import click
 
 from . import __version__
-from .errors import InputError, PorofsiError
+from .errors import InputError, PorofsiError, Stopped
+from .signals import Interrupted, answered_by, interrupt, note, noted
 
 AGREEMENT_TIME = 5.0  # [s] that a failing rank waits for the others to fail in the same way before it ends the job
 
@@ -33,7 +37,7 @@ class Job:
     def abort(self, kind, error, trace):
         """Print the traceback of this rank and end the job on all ranks; an excepthook."""
         lines = "".join(traceback.format_exception(kind, error, trace))
-        click.echo(f"rank {self.comm.rank} of {self.comm.size} failed:\n{lines}", err=True)
+        _complain(f"rank {self.comm.rank} of {self.comm.size} failed:\n{lines}")
         self.comm.Abort(1)
 
     def everyone_fails(self):
@@ -60,7 +64,7 @@ class Job:
         """End with the error's exit code; rank 0 speaks for all, a rank alone speaks for itself and ends the job."""
         together = self.comm.size == 1 or self.everyone_fails()
         if self.comm.rank == 0 or not together:
-            click.echo(f"error: {error}", err=True)
+            _complain(f"error: {error}")
         if not together:
             self.comm.Abort(error.exit_code)
         sys.exit(error.exit_code)
@@ -76,17 +80,43 @@ class Commands(click.Group):
         except PorofsiError as error:
             if ctx.obj is not None:
                 ctx.obj.fail(error)
-            click.echo(f"error: {error}", err=True)
+            _complain(f"error: {error}")
             sys.exit(error.exit_code)
+
+
+def _complain(text):
+    """Print to standard error, where there is one."""
+    with suppress(OSError):
+        click.echo(text, err=True)
+
+
+def _show(text):
+    """Print what a command was asked for; a reader that has gone (| head) ends it quietly, by click."""
+    try:
+        click.echo(text)
+    except BrokenPipeError:
+        raise
+    except OSError as failure:
+        raise PorofsiError(f"standard output: could not be written ({failure.strerror})") from failure
+
+
+def _tell(text):
+    """Print a line of progress, which nothing depends on."""
+    with suppress(OSError):
+        click.echo(text)
 
 
 def _join(context):
     """Start MPI and make the job known to the group."""
-    context.find_root().obj = job = Job()
+    with answered_by(note):  # Python would forget a module whose import is interrupted, and `_end` that MPI has started
+        context.find_root().obj = job = Job()
+    if noted():
+        raise Interrupted(noted())
     return job
 
 
 overrides = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one entry, e.g. time.end=0.1.")
+allow = click.option("--allow-scene-options", is_flag=True, help="Let the scene's [petsc] options name files and code too.")
 smoke = click.option("--smoke", is_flag=True, help="Apply the scene's [smoke] changes: a short run.")
 
 
@@ -106,8 +136,9 @@ def cli():
 @click.option("--force", is_flag=True, help="Replace existing results.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 @click.option("--max-time", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="Write a checkpoint and stop.")
+@allow
 @click.pass_context
-def run(context, scene, petsc_options, output, overrides, restart, smoke, force, quiet, max_time):
+def run(context, scene, petsc_options, output, overrides, smoke, **choices):
     """Solve SCENE (a file, or a name that `porofsi list` shows)."""
     from . import load_scene
     from . import run as run_scene
@@ -116,16 +147,16 @@ def run(context, scene, petsc_options, output, overrides, restart, smoke, force,
         raise click.UsageError(f"unexpected argument '{petsc_options[0]}'; PETSc options follow after --")
     job = _join(context)
     loaded = job.agree(lambda: load_scene(scene, overrides, smoke))
-    choices = {"restart": restart, "force": force, "quiet": quiet, "max_time": max_time, "petsc_options": petsc_options}
-    run_scene(loaded, output, **choices)
+    run_scene(loaded, output, petsc_options=petsc_options, **choices)
 
 
 @cli.command()
 @click.argument("scene")
 @overrides
 @smoke
+@allow
 @click.pass_context
-def check(context, scene, overrides, smoke):
+def check(context, scene, overrides, smoke, allow_scene_options):
     """Validate SCENE and its mesh, and say what would be solved."""
     from . import load_scene
 
@@ -133,12 +164,12 @@ def check(context, scene, overrides, smoke):
     loaded = job.agree(lambda: load_scene(scene, overrides, smoke))
     from .linalg.options import start
 
-    start(loaded.petsc.options, [])
+    start(loaded.petsc.options, [], allow_scene_options)
     from .simulation import check as check_scene
 
     text = check_scene(loaded)
     if job.comm.rank == 0:
-        click.echo(text)
+        _show(text)
 
 
 @cli.command(name="list")
@@ -148,8 +179,7 @@ def list_command():
 
     scenes = list_scenes()
     width = max((len(name) for name, _, _ in scenes), default=0)
-    for name, title, _ in scenes:
-        click.echo(f"{name:<{width}}  {title}")
+    _show("\n".join(f"{name:<{width}}  {title}" for name, title, _ in scenes))
 
 
 @cli.command()
@@ -165,16 +195,13 @@ def verify(context, cases, quick, as_text, output):
     """
     job = _join(context)
     from .errors import ExpectationError
-    from .output.check_table import print_checks
+    from .output.check_table import checks_table
     from .simulation import verify as verify_cases
     from .simulation.verify import as_json
 
     checks = verify_cases(cases, output, quick)
     if job.comm.rank == 0:
-        if as_text:
-            click.echo(as_json(checks))
-        else:
-            print_checks(checks)
+        _show(as_json(checks) if as_text else checks_table(checks))
     missed = [check for check in checks if not check.passed]
     if missed:
         first = f"{missed[0].case}, {missed[0].quantity}"
@@ -187,8 +214,7 @@ def plot(directory):
     """Draw the figures of the results in DIR again."""
     from .output.figures import make_figures
 
-    for path in make_figures(directory):
-        click.echo(path)
+    _show("\n".join(map(str, make_figures(directory))))
 
 
 @cli.command()
@@ -197,7 +223,7 @@ def info(file):
     """Describe a checkpoint, a summary, a mesh or a result directory."""
     from .output.info import describe
 
-    click.echo(describe(file))
+    _show(describe(file))
 
 
 @cli.group()
@@ -241,7 +267,7 @@ def study_coupling(context, output, quick, force):
     _alone(context)
     from .studies.coupling import study as make
 
-    make(output, quick, force, click.echo)
+    make(output, quick, force, _tell)
 
 
 @study_options("stability")
@@ -253,7 +279,7 @@ def study_stability(context, output, quick, force):
     _alone(context)
     from .studies.stability import study as make
 
-    make(output, quick, force, click.echo)
+    make(output, quick, force, _tell)
 
 
 def _factors(context, parameter, text):
@@ -288,12 +314,56 @@ def study_work_precision(context, scene, overrides, error, cells, steps, output,
     _alone(context)
     from .studies.work_precision import study as make
 
-    make(scene, output, overrides, error, *((cells[:1], steps[:1]) if quick else (cells, steps)), force, click.echo)
+    make(scene, output, overrides, error, *((cells[:1], steps[:1]) if quick else (cells, steps)), force, _tell)
+
+
+def _open_streams():
+    """Give what was started without (>&-) a standard output and error: else the next file opened takes their place."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))
+
+
+def _close_streams():
+    """Drop what standard output and error do not take (a full disk, a reader that has gone), of which Python would complain."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _end(text):
+    """End the whole job after a signal: rank 0 says so at once, another rank when rank 0 has had its time and has not."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    mpi = sys.modules.get("mpi4py.MPI")
+    world = mpi.COMM_WORLD if mpi and mpi.Is_initialized() and not mpi.Is_finalized() else None
+    if world and world.rank:
+        time.sleep(AGREEMENT_TIME)
+    _complain(f"error: {text}")
+    if world and world.size > 1:
+        world.Abort(Stopped.exit_code)
+    return Stopped.exit_code
 
 
 def main():
     """Enter from the console script."""
-    cli(prog_name="porofsi")
+    _open_streams()
+    with answered_by(note):  # once the command has ended, nothing is left to be interrupted
+        try:
+            with answered_by(interrupt):
+                cli(prog_name="porofsi")
+        except Interrupted as interrupted:
+            sys.exit(_end(interrupted))
+        except Exception as failure:
+            if not noted():
+                raise
+            sys.exit(_end(f"{Interrupted(noted())} ({failure})"))  # numpy's import, say, makes an error of its own of it
+        finally:
+            _close_streams()
 
 
 if __name__ == "__main__":

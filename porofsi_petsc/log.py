@@ -19,13 +19,19 @@ def start_log(directory, rank, quiet=False):
     if rank != 0:
         logger.addHandler(logging.NullHandler())
         return
-    terminal = logging.StreamHandler(sys.stdout)
+    terminal = _quiet_failure(logging.StreamHandler(sys.stdout))
     terminal.setLevel(logging.WARNING if quiet else logging.INFO)
     logger.addHandler(terminal)
     if directory is not None:
-        file = logging.FileHandler(Path(directory) / "run.log", encoding="utf-8")
+        file = _quiet_failure(logging.FileHandler(Path(directory) / "run.log", encoding="utf-8"))
         file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
         logger.addHandler(file)
+
+
+def _quiet_failure(handler):
+    """Let a handler drop lines that cannot be written (a full disk, a reader that has gone) instead of printing tracebacks."""
+    handler.handleError = lambda record: None
+    return handler
 
 
 def stop_log():

@@ -41,7 +41,7 @@ def test_run_passes_everything_on(calls, tmp_path):
     )
     assert result.exit_code == 0, result.output
     (_, *started), (_, scene, *rest) = calls
-    assert started == ["-a 1", ["-fluid_ksp_monitor", "-b", "2"]]
+    assert started == ["-a 1", ["-fluid_ksp_monitor", "-b", "2"], False]
     assert scene.time.end == 0.5 and rest == [tmp_path / "out", Path("x.h5"), True, True, 5.0]
 
 
@@ -53,7 +53,7 @@ def test_run_has_a_default_directory_and_applies_smoke(calls):
 
 def test_the_same_from_python(calls):
     porofsi_petsc.run(porofsi_petsc.load_scene("pulse2d"), "results/x", petsc_options=["-c"])
-    assert calls[0] == ("start", "", ["-c"]) and calls[1][2] == Path("results/x")
+    assert calls[0] == ("start", "", ["-c"], False) and calls[1][2] == Path("results/x")
 
 
 def test_check_list_and_version(calls):

@@ -1,4 +1,4 @@
-"""History, summary, expectations, directory and progress: files that survive a kill, sentences for wrong input."""
+"""History, summary, expectations and progress: files that survive a kill, sentences for wrong input."""
 
 import io
 import json
@@ -12,7 +12,6 @@ from mpi4py import MPI
 
 from porofsi_petsc.errors import InputError, PorofsiError
 from porofsi_petsc.output import progress
-from porofsi_petsc.output.directory import prepare
 from porofsi_petsc.output.expectations import evaluate, failed
 from porofsi_petsc.output.files import on_root, write_text
 from porofsi_petsc.output.history import History, read_history
@@ -194,32 +193,6 @@ def test_periodic_expectation_without_a_period_is_skipped(quantity, complete, pe
 def test_expectation_beyond_the_history_is_skipped():
     (record,) = evaluate([expectation(at=3.0)], [HISTORY])
     assert record["passed"] is None and "0 s to 2 s" in record["reason"] and failed([record]) == []
-
-
-def test_directory_with_results_needs_force_or_restart(tmp_path):
-    prepare(tmp_path / "new" / "deep", False, None, COMM)
-    assert (tmp_path / "new" / "deep").is_dir()
-    for name in ("history.csv", "profiles.csv", "reference.png", "notes.txt", "summary.json.tmp", "checkpoint.previous.h5"):
-        (tmp_path / name).touch()
-    with pytest.raises(InputError, match="--force .*--restart"):
-        prepare(tmp_path, False, None, COMM)
-    prepare(tmp_path, True, tmp_path / "checkpoint.h5", COMM)
-    assert (tmp_path / "history.csv").exists()
-    with pytest.raises(InputError, match="already holds files"):
-        prepare(tmp_path, False, tmp_path / "new" / "checkpoint.h5", COMM)  # of another run
-    prepare(tmp_path, True, None, COMM)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "notes.txt"]
-
-
-def test_directory_that_cannot_hold_results_is_refused(tmp_path, monkeypatch):
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="is a file"):
-        prepare(tmp_path / "file", False, None, COMM)
-    with pytest.raises(InputError, match="could not be created"):
-        prepare(tmp_path / "file" / "below", False, None, COMM)
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(InputError, match="not writable"):
-        prepare(tmp_path, False, None, COMM)
 
 
 def test_progress_prints_few_lines_when_redirected(monkeypatch):

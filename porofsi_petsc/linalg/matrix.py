@@ -8,6 +8,7 @@ from petsc4py import PETSc
 from ..compiled import inlined, plain, specialized, stack
 from ..errors import InputError
 from .compat import local_values
+from .options import reason_of
 
 
 class ElementMatrix:
@@ -129,7 +130,11 @@ def _empty_matrix(comm, n_owned_rows, block_size, prefix):
     matrix.setSizes((size, size), bsize=block_size)
     matrix.setOptionsPrefix(prefix)
     matrix.setType(PETSc.Mat.Type.AIJ)
-    matrix.setFromOptions()
+    try:
+        matrix.setFromOptions()
+    except PETSc.Error as error:
+        what = f"matrix '{prefix}': received an option that this PETSc does not have, {reason_of(error)}"
+        raise InputError(f"{what}; remove the option -{prefix}mat_type") from error
     if not matrix.getType().startswith(("seqaij", "mpiaij")):
         what = f"matrix '{prefix}': received type '{matrix.getType()}', expected aij or a type derived from it"
         raise InputError(f"{what}; remove the option -{prefix}mat_type")

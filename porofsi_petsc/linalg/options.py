@@ -3,12 +3,14 @@
 import difflib
 import itertools
 import os
-import re
 import shlex
+import signal
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..errors import InputError
+from ..signals import ENDING, restored
+from .scene_options import check_scene_options, is_name
 
 OLDEST = (3, 18)
 # Read by PETSc only when it starts or ends, so they count as used.
@@ -27,15 +29,20 @@ _user: set[str] = set()
 _defaults: dict[str, str] = {}  # full name -> prefix
 
 
-def start(scene_options: str = "", command_line: Sequence[str] = ()) -> None:
+def start(scene_options: str = "", command_line: Sequence[str] = (), trusted: bool = False) -> None:
     """Start PETSc once with the user's options; a later call replaces the options of the earlier one.
 
-    scene_options : the scene's option string, split like a shell's; command_line : the options of the command line, which win.
-    Both may contain `-options_file FILE`.  Raise InputError for words that are no options, a missing options file, a PETSc
-    that is absent, older than 3.18 or built with complex numbers.
+    scene_options : the scene's option string, split like a shell's; unless it is trusted, options of solvers alone
+    (`check_scene_options`); command_line : the options of the command line, which win and may contain `-options_file FILE`.
+    Raise InputError for words that are no options, a missing options file, a PETSc that is absent, older than 3.18 or built with
+    complex numbers.
     """
-    words = [*_split(scene_options), *command_line]
+    of_scene = _split(scene_options)
+    words = [*of_scene, *command_line]
     _check_words(words)
+    if not trusted:
+        check_scene_options(of_scene)
+    _check_files(words)
     _check_files(os.environ.get("PETSC_OPTIONS", "").split())
     if "petsc4py.PETSc" in sys.modules:
         _check_build()
@@ -90,6 +97,11 @@ def has_package(name: str) -> bool:
     return bool(_petsc().Sys.hasExternalPackage(name))
 
 
+def reason_of(error: Exception) -> str:
+    """Return the last line of PETSc's trace, the one that says what is wrong."""
+    return str(error).strip().splitlines()[-1].split("] ", 1)[-1]
+
+
 def _petsc():
     from petsc4py import PETSc
 
@@ -103,15 +115,10 @@ def _split(text):
         raise InputError(f"[petsc] options: {error} in {text!r}; close the quotation") from error
 
 
-def _is_option(word):
-    return re.match(r"--?[A-Za-z_]", word) is not None
-
-
 def _check_words(words):
     for previous, word in zip(["", *words], words, strict=False):
-        if not _is_option(word) and not _is_option(previous):
+        if not is_name(word) and not is_name(previous):
             raise InputError(f"PETSc options: {word!r} is neither an option nor the value of one; write -NAME VALUE")
-    _check_files(words)
 
 
 def _check_files(words):
@@ -133,7 +140,8 @@ def _initialise(words):
     except ImportError as error:
         raise InputError("this Python has no petsc4py; install PETSc with petsc4py, version 3.18 or newer") from error
     try:
-        petsc4py.init([sys.argv[0] or "porofsi", *words])
+        with restored((signal.SIGPIPE, *ENDING)):  # PETSc makes an end without results of a reader that has gone
+            petsc4py.init([sys.argv[0] or "porofsi", *words])
     except RuntimeError as error:
         text = "an options file has lines of -NAME VALUE and comments after #, and an -options_file in it an existing file"
         raise InputError(f"PETSc options: PETSc does not start with them ({error}); {text}") from error
@@ -181,10 +189,20 @@ def _names(words):
     return names
 
 
+def _why_unused(name, prefix):
+    """Say why an option that exists is not read: the solver is of a kind that has no use for it."""
+    given = _petsc().Options().getAll()
+    chosen = [f"-{prefix}{kind} {given[prefix + kind]}" for kind in ("ksp_type", "pc_type") if prefix + kind in given]
+    kind = f"the solver made with {' '.join(chosen)}" if chosen else "the solver"
+    return f"it exists, but {kind} does not read it: remove it, or choose a solver that does"
+
+
 def _suggestion(name):
     prefixes = sorted(set(_defaults.values()))
     for prefix in prefixes:
         if name.startswith(prefix):
+            if name.removeprefix(prefix) in COMMON:
+                return _why_unused(name, prefix)
             known = [full for full in _defaults if full.startswith(prefix)] + [prefix + suffix for suffix in COMMON]
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
             return f"did you mean -{near[0]}?" if near else f"no solver with the prefix {prefix} knows it: remove it or see -help"

@@ -8,13 +8,15 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import ConvergenceError, InputError
-from .options import has_package, set_defaults
+from .options import has_package, reason_of, set_defaults
 from .stopwatch import stage
 
 REUSE_FACTOR = 1.5
 REUSE_OFFSET = 2
 _REASONS = {number: name for name, number in vars(PETSc.KSP.ConvergedReason).items() if not name.startswith("_")}
 _MISSING = (86, 92)  # PETSC_ERR_UNKNOWN_TYPE, PETSC_ERR_MISSING_FACTOR
+_NOT_CONVERGED = 91  # PETSC_ERR_NOT_CONVERGED, instead of a reason with -ksp_error_if_not_converged
+_FILES = (65, 66, 67)  # PETSC_ERR_FILE_OPEN, _READ, _WRITE
 _living: list = []  # strong references: the garbage collector runs at different times on the ranks, and an end is collective
 
 
@@ -182,7 +184,7 @@ class LinearSolver:
         except PETSc.Error as error:
             if error.ierr in _MISSING:
                 raise _missing(self.prefix, error) from error
-            raise ConvergenceError(f"linear solver {self.prefix}: its set-up failed: {_text(error)}") from error
+            raise ConvergenceError(f"linear solver {self.prefix}: its set-up failed: {reason_of(error)}") from error
 
     def _prepare_pressure(self):
         """Give the pressure's block, which a FieldSplit has made by now, its near-null space and the given object."""
@@ -195,8 +197,14 @@ class LinearSolver:
     def _run(self):
         """Return the iterations and the converged reason; a direct solve that is not finite counts as diverged."""
         start = time.perf_counter()
-        with stage("solve"):
-            self.ksp.solve(self._b, self._x)
+        try:
+            with stage("solve"):
+                self.ksp.solve(self._b, self._x)
+        except PETSc.Error as error:
+            if error.ierr in _FILES:
+                raise InputError(f"PETSc options: {reason_of(error)}; correct the file of an option -{self.prefix}…") from error
+            if error.ierr != _NOT_CONVERGED:
+                raise
         reason = self.ksp.getConvergedReason()
         if reason > 0 and not np.isfinite(self._x.norm()):
             reason = int(PETSc.KSP.ConvergedReason.DIVERGED_NANORINF)
@@ -316,9 +324,5 @@ def _factor(kind, package):
 
 
 def _missing(prefix, error):
-    return InputError(f"PETSc options: a solver -{prefix}… cannot be made: {_text(error)}; choose another or a PETSc that has it")
-
-
-def _text(error):
-    """Return the last line of PETSc's trace, the one that says what is wrong."""
-    return str(error).strip().splitlines()[-1].split("] ", 1)[-1]
+    what = f"PETSc options: a solver -{prefix}… cannot be made: {reason_of(error)}"
+    return InputError(f"{what}; choose another or a PETSc that has it")

@@ -1,8 +1,8 @@
 """The table of verification checks on a terminal."""
 
 
-def print_checks(checks):
-    """Print computed, reference, error and bound of every check; objects with the fields of `simulation.verify.Check`."""
+def checks_table(checks):
+    """Return a text of computed, reference, error and bound of every check, each with the fields of `simulation.verify.Check`."""
     from rich.console import Console
     from rich.table import Table
 
@@ -21,7 +21,10 @@ def print_checks(checks):
         verdict = "passed" if check.passed else f"FAILED {check.note}"
         table.add_row(check.case if check.case != previous else "", check.quantity, *numbers, verdict, style=style)
         previous = check.case
-    Console(width=None if Console().is_terminal else 160).print(table)
+    console = Console(width=None if Console().is_terminal else 160)
+    with console.capture() as text:
+        console.print(table)
+    return text.get().rstrip("\n")
 
 
 def _number(value, digits):

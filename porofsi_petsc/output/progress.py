@@ -2,6 +2,7 @@
 
 import sys
 import time as clock
+from contextlib import suppress
 
 SECONDS_BETWEEN_LINES = 2.0
 SHARE_BETWEEN_LINES = 0.05
@@ -57,11 +58,16 @@ def _plain_lines(stream):
             text, share = yield
             now = clock.monotonic()
             if share >= last[0] + SHARE_BETWEEN_LINES and now >= last[1] + SECONDS_BETWEEN_LINES:
-                print(text, file=stream, flush=True)
+                _print(text, stream)
                 shown, last = text, (share, now)
     finally:
         if text != shown:
-            print(text, file=stream, flush=True)
+            _print(text, stream)
+
+
+def _print(text, stream):
+    with suppress(OSError):  # a full disk or a reader that has gone: the results do not depend on this line
+        print(text, file=stream, flush=True)
 
 
 def _live_line(stream):

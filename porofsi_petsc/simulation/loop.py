@@ -2,6 +2,7 @@
 
 import signal
 import time
+from collections.abc import Callable
 
 from mpi4py import MPI
 
@@ -10,6 +11,7 @@ from ..errors import ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
+from ..signals import forget, noted
 from .auto import auto_terms
 from .energy import step_powers
 from .step_control import StepControl, StepTooLarge
@@ -114,41 +116,33 @@ def _rates(model, solid, fluid):
 
 
 class StopRequest:
-    """A signal or the time limit asks for a checkpoint and an end; all ranks agree after each step."""
+    """A noted signal or the time limit asks for a checkpoint and an end; all ranks agree after each step."""
 
     def __init__(self, comm, max_time):
-        """Install handlers for SIGTERM and SIGUSR1."""
+        """Let the time limit [s], None for none, begin."""
         self._comm, self._deadline = comm, time.monotonic() + max_time if max_time else None
-        self._received = 0
-        self._previous = {number: signal.signal(number, self._receive) for number in (signal.SIGTERM, signal.SIGUSR1)}
-
-    def _receive(self, number, frame):
-        self._received = number
 
     def reason(self):
         """Return why the run must stop, or an empty string (collective)."""
         late = self._deadline is not None and time.monotonic() > self._deadline
-        received, late = self._comm.allreduce(self._received, MPI.MAX), self._comm.allreduce(late, MPI.LOR)
+        received, late = self._comm.allreduce(noted(), MPI.MAX), self._comm.allreduce(late, MPI.LOR)
         if received:
+            forget()
             return f"signal {signal.Signals(received).name}"
         return "the time limit --max-time" if late else ""
-
-    def restore(self):
-        """Give the signals their former handlers."""
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
 
 
 class TimeLoop:
     """Advance a coupling to the end of the scene; `records` are told of every accepted step."""
 
-    def __init__(self, scene, coupling, energy, measures, records):
-        """Take what is advanced and what looks at it."""
+    def __init__(self, scene, coupling, energy, measures, records, on_first_step: Callable = lambda: None):
+        """Take what is advanced and what looks at it; on_first_step is called when a step has passed all checks (collective)."""
+        self._on_first_step: Callable | None = on_first_step
         self._scene, self._coupling, self._energy, self._measures, self._records = scene, coupling, energy, measures, records
         self.clock = Clock(scene.time)
         self.control = StepControl(scene.time, coupling.solid.mesh.comm) if scene.time.error_tolerance else None
         self.auto = coupling if auto_terms(scene.model) else None
-        self.iterations, self._options_checked = [], False
+        self.iterations = []
 
     @property
     def model(self):
@@ -212,15 +206,17 @@ class TimeLoop:
         if size is not None and clock.target is None:
             clock.repeat_with(size)
         self.iterations.append(coupling.iterations)
-        if not self._options_checked:
+        if self._on_first_step:
             check_options(exempt_prefixes=ABSENT_PREFIXES)
-            self._options_checked = True
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
         self._measures.watch_neglected(sizes)
         self._measures.compare(clock, coupling.solid, coupling.fluid)
         self._records.after_step(clock, self.iterations, self.control)
         self._measures.require_limits(clock.t)
+        if self._on_first_step:
+            self._on_first_step()
+            self._on_first_step = None
 
     def _trial(self, dt, schemes):
         """Return what the step control looks at: the trial displacement and pressure with their times."""

@@ -1,16 +1,17 @@
 """One run from a scene to its results, and the check of a scene without a run."""
 
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 
 from mpi4py import MPI
 
 from ..compiled import compilation_notice
 from ..config import scene_to_toml
-from ..errors import ExpectationError
+from ..errors import ExpectationError, Stopped
 from ..linalg.stopwatch import Stopwatch
 from ..log import logger, start_log, stop_log
 from ..output.checkpoint import open_checkpoint
-from ..output.directory import prepare
+from ..output.directory import Claim, written_files
 from ..output.expectations import evaluate, failed
 from ..output.figures import make_curves, make_figures
 from ..output.files import on_root, write_text
@@ -19,6 +20,7 @@ from ..output.period import period_analysis
 from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import read_summary, write_summary
+from ..signals import Interrupted, answered_by, interrupt, note, noted
 from .build import build_coupling, local_mesh
 from .energy import Energy
 from .loop import StopRequest, TimeLoop
@@ -39,17 +41,19 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError; whatever was accepted before is on disk.
     """
     comm, stopwatch, notice = MPI.COMM_WORLD, Stopwatch(), compilation_notice()
-    header = open_checkpoint(restart, comm) if restart is not None else None
-    with stopwatch.measure("setup"):
-        mesh = local_mesh(scene, comm)
-        coupling = build_coupling(scene, mesh, stopwatch)
-        measures = Measures(scene, coupling, materials_of(scene, mesh))
-    prepare(directory, force, restart, comm)
-    start_log(directory, comm.rank, quiet)
-    if notice:
-        logger.info(notice)
+    start_log(None, comm.rank, quiet)
     try:
-        summary = _Run(scene, directory, coupling, measures, stopwatch, quiet).go(restart, header, max_time)
+        with Claim(directory, force, restart, comm) as claim:
+            header = open_checkpoint(restart, comm) if restart is not None else None
+            with stopwatch.measure("setup"):
+                mesh = local_mesh(scene, comm)
+                coupling = build_coupling(scene, mesh, stopwatch)
+                measures = Measures(scene, coupling, materials_of(scene, mesh))
+            claim.put_aside()
+            start_log(directory, comm.rank, quiet)
+            if notice:
+                logger.info(notice)
+            summary = _Run(scene, directory, coupling, measures, stopwatch, quiet, claim).go(restart, header, max_time)
     finally:
         stop_log()
     for block in coupling.blocks.values():
@@ -61,12 +65,13 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
 class _Run:
     """The parts of one run and their order."""
 
-    def __init__(self, scene, directory, coupling, measures, stopwatch, quiet):
+    def __init__(self, scene, directory, coupling, measures, stopwatch, quiet, claim):
+        self.claim, self._signals = claim, ExitStack()
         self.scene, self.directory, self.coupling, self.measures = scene, directory, coupling, measures
         self.stopwatch, self.energy, self.quiet, self.former = stopwatch, Energy(), quiet, None
         self.comm = coupling.solid.mesh.comm
         self.records = Records(scene, directory, coupling, self.energy, measures, stopwatch)
-        self.loop = TimeLoop(scene, coupling, self.energy, measures, self.records)
+        self.loop = TimeLoop(scene, coupling, self.energy, measures, self.records, self._begin)
 
     def go(self, restart, header, max_time):
         """Run to the end and return the summary; it is written before an error that all ranks share ends the run."""
@@ -79,6 +84,7 @@ class _Run:
         try:
             self.records.progress = progress
             self.loop.run(stop)
+            self._begin()  # also where a restart had nothing left to do
             summary = self._finish(progress, 0)
         except self.loop.shared_errors as error:
             if summary is None:
@@ -86,9 +92,14 @@ class _Run:
             raise
         finally:
             progress.close()
-            stop.restore()
+            self._signals.close()
         self._judge(summary)
         return summary
+
+    def _begin(self):
+        """Take the run for a good one: earlier results may go, and a signal waits for the end of a step, to save it."""
+        self.claim.accept()
+        self._signals.enter_context(answered_by(note))
 
     def _start(self, restart, header, text):
         mesh = self.coupling.solid.mesh
@@ -127,16 +138,23 @@ class _Run:
             exit_code = ExpectationError.exit_code
         self._summarize(judgement, exit_code)  # a figure that cannot be drawn must not cost the numbers
         with self.stopwatch.measure("output"):
-            large = self.coupling.solid.mesh.n_cells_global > FIGURE_ELEMENTS
-            on_root(self.comm, make_curves if large else make_figures, self.directory)
+            on_root(self.comm, self._draw, exit_code == Stopped.exit_code)
         summary = self._summarize(judgement, exit_code)
         self._say(summary)
         return summary
 
+    def _draw(self, stopped):
+        """Draw the figures, or none where the end was asked for: who kills a run after a second shall not lose its summary."""
+        large = self.coupling.solid.mesh.n_cells_global > FIGURE_ELEMENTS
+        with suppress(Interrupted), answered_by(interrupt):
+            if not stopped and not noted():
+                (make_curves if large else make_figures)(self.directory)
+                return
+        logger.info("the figures are left out; porofsi plot %s draws them", self.directory)
+
     def _summarize(self, judgement, exit_code):
-        files = on_root(
-            self.comm, lambda: sorted(str(p.relative_to(self.directory)) for p in self.directory.rglob("*") if p.is_file())
-        )
+        folder = self.directory
+        files = on_root(self.comm, lambda: [str(path.relative_to(folder)) for path in written_files(folder)])
         parts = self.coupling, self.loop, self.energy, self.measures, self.stopwatch
         summary = summarize(self.scene, *parts, judgement, files, exit_code)
         if self.former:  # what the steps took is known there
