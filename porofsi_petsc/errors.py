@@ -1,5 +1,7 @@
 """Typed errors, each mapped to one exit code of the command line."""
 
+SMALLER_STEP = "try a smaller step"  # advice of a ConvergenceError that a cut of the step follows
+
 
 class PorofsiError(Exception):
     """Root of all errors that the package raises on purpose; the message is one sentence for the user."""

@@ -62,7 +62,7 @@ def scene_file(tmp_path):
 def test_defaults_are_resolved(scene_file):
     scene = load_scene(scene_file)
     assert scene.mesh.x.ratios == (1.0,) and scene.mesh.order == 1 and scene.dim == 2
-    assert scene.time.rho_inf == 0.5 and scene.coupling.accelerator == "aitken" and scene.coupling.relaxation is None
+    assert scene.time.rho_inf == 0.5 and scene.coupling.accelerator == "iqn_ils" and scene.coupling.relaxation is None
     assert scene.boundary[0].on == ("bottom",) and scene.boundary[2].given() == []
     assert scene.material[0].fluid.density == 1000.0
     assert scene.name == "column" and scene.source_path == scene_file.resolve()
@@ -178,7 +178,7 @@ WRONG = [
     ("output.fields_every=1.5", "[output.fields_every]: received 1.5, expected a whole number"),
     ("coupling.mass_scaling=optimal", "[coupling.mass_scaling]: received 'optimal' with split = 'corrected'"),
     ("coupling={split='plain', mass_scaling=0}", "[coupling.mass_scaling]: received 0, expected a positive number or 'optimal'"),
-    ("coupling.accelerator=atken", "expected one of aitken, none, constant, anderson, iqn_ils, auto"),
+    ("coupling.accelerator=atken", "expected one of iqn_ils, aitken, anderson, constant, none, auto"),
     # mesh
     ("mesh.kind=sphere", "[mesh.kind]: received 'sphere', expected one of rectangle, box, file"),
     ("mesh={x=1}", "[mesh.kind]: received nothing, expected this key"),

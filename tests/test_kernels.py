@@ -183,3 +183,22 @@ def test_ehlers_eipper_ends_at_the_compaction_point():
     stress = law.stress(H)[:, 1, 1]
     assert np.all(stress[1:3] < 50 * stress[:2]) and stress[2] < -1e5
     assert np.isnan(stress[3])
+
+
+@pytest.mark.parametrize("law", [law for law in ELASTIC if law != "harmonic"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_volumetric_compliance_is_that_of_the_stress_of_a_compressed_body(dim, law):
+    """Mean of 1/E_c and 1/K_d, both from differences of the stress: of a strain along an axis, of a dilation."""
+    elastic, rng, step = ELASTIC[law](8e6, 5e6, 0.6), np.random.default_rng(1), 1e-6
+    H = -0.1 * np.eye(dim) + 0.05 * rng.standard_normal((dim, dim))
+    F, identity = H + np.eye(dim), np.eye(dim)
+
+    def cauchy(change):
+        """Return dP F^T/J of a change of F, a strain times F."""
+        return (elastic.stress(H + step * change) - elastic.stress(H - step * change)) @ F.T / (2 * step * np.linalg.det(F))
+
+    E_c = np.mean([cauchy(np.outer(axis, axis) @ F)[i, i] for i, axis in enumerate(identity)])
+    K_d = np.trace(cauchy(F)) / dim**2
+    found = solid.volumetric_compliance(elastic, H[None, None])[0, 0]
+    assert found == pytest.approx((1 / E_c + 1 / K_d) / 2, rel=1e-6)  # differences
+    assert solid.volumetric_compliance(elastic, 0 * H[None, None])[0, 0] == pytest.approx((1 / 18e6 + 1 / (8e6 + 10e6 / dim)) / 2)

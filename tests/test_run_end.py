@@ -82,6 +82,7 @@ def test_the_cap_ends_with_3_and_a_checkpoint_of_the_last_accepted_step(tmp_path
         *BLOCK,
         "coupling.max_iterations=2",
         "coupling.tolerance=1e-3",
+        "coupling.on_failure=stop",
         "boundary.3.traction.y=where(t < 0.0045, -10, -1e5)",
     )
     result = by_command_line("pulse2d", tmp_path, *changes(capped))
@@ -133,7 +134,8 @@ def test_a_linear_solver_that_does_not_converge_ends_with_3(tmp_path):
 
 @needs_mpirun
 def test_an_inverted_element_on_one_rank_ends_all_with_3(tmp_path):
-    crush = (*BLOCK, "time.step=0.01", "boundary.3.traction.y=-1e9", "limits.mesh_displacement=report")
+    given = "time.step=0.01", "boundary.3.traction.y=-1e9", "limits.mesh_displacement=report", "coupling.on_failure=stop"
+    crush = (*BLOCK, *given)
     result = by_command_line("pulse2d", tmp_path, *changes(crush), ranks=2)
     assert result.returncode == 3, result.stderr
     assert result.stderr.count("error: ") == 1

@@ -120,7 +120,7 @@ class Coupling(Table):
 
     scheme: Literal["partitioned", "quasi_direct", "direct", "weak", "one_way"] = "partitioned"
     split: Literal["corrected", "plain"] = "corrected"
-    accelerator: Literal["aitken", "none", "constant", "anderson", "iqn_ils", "auto"] = "aitken"
+    accelerator: Literal["iqn_ils", "aitken", "anderson", "constant", "none", "auto"] = "iqn_ils"
     reuse_steps: Annotated[int, Strict(), Field(ge=0)] = 4
     interface: Literal["dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "dirichlet_neumann"
     robin: Coefficient = "auto"
@@ -129,7 +129,7 @@ class Coupling(Table):
     tolerance: Annotated[Positive, Field(lt=1)] = 1e-6
     max_iterations: Count = 60
     tangent: Literal["lagged", "newton"] = "lagged"
-    on_failure: Literal["stop", "cut_step"] = "stop"
+    on_failure: Literal["fall_back", "cut_step", "stop"] = "fall_back"
     max_cuts: Count = 4
 
     @model_validator(mode="after")

@@ -2,7 +2,7 @@
 
 from math import isfinite
 
-from ..errors import ConvergenceError
+from ..errors import SMALLER_STEP, ConvergenceError
 
 # A residual below this part of the largest force of the run is round-off (measured at rest under a prescribed pressure: 1.2e-15).
 # The forces on the fluid count with those on the skeleton: n ∇p of a closed body under a load is the round-off of its pressure,
@@ -29,12 +29,12 @@ class Convergence:
     """
 
     def __init__(self, tolerance):
-        """Take the tolerance; `largest` (field -> norm) belongs to the run and to its checkpoints."""
+        """Take the tolerance; `largest` (field -> norm) of the steps that converged belongs to the run and its checkpoints."""
         self.tolerance, self.largest, self.history = tolerance, {}, []
 
     def start_step(self):
         """Forget the scales of the last step; force_per_rate : of the volume balance [N s/m³], infinite where it is not known."""
-        self._scales, self.history, self.force_per_rate = {}, [], float("inf")
+        self._scales, self._present, self.history, self.force_per_rate = {}, {}, [], float("inf")
 
     def reached(self, norms, drag, cancelling):
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
@@ -45,17 +45,20 @@ class Convergence:
         errors = {}
         for field, (_, force) in norms.items():
             self._scales[field] = max(force, self._scales.get(field, 0.0)) if field == "volume" else force
-            self.largest[field] = max(force, self.largest.get(field, 0.0))
+            self._present[field] = max(force, self.largest.get(field, 0.0))
         for field, (residual, _) in norms.items():
             inside = EPSILON * max(0.0 if field == "volume" else drag, cancelling.get(field, 0.0))
             round_off = max(ROUND_OFF * self._largest_like(field), inside)
             errors[field] = residual / self._scales[field] if residual > round_off else 0.0
             if not isfinite(residual):
                 what = f"the {field} residual is not finite after {len(self.history)} iterations"
-                raise ConvergenceError(what, "try a smaller step")
+                raise ConvergenceError(what, SMALLER_STEP)
         self._require_digits(EPSILON * drag)
         self.history.append(errors)
-        return max(errors.values()) <= self.tolerance
+        if max(errors.values()) > self.tolerance:
+            return False
+        self.largest = dict(self._present)  # not of iterates that diverge, whose round-off would let the next attempt pass
+        return True
 
     def _require_digits(self, round_off):
         force = max(scale for field, scale in self._scales.items() if field != "volume")
@@ -67,9 +70,9 @@ class Convergence:
             )
 
     def _largest_like(self, field):
-        """Return the largest force of the run in the unit of a field, or its own largest term."""
-        force = max(norm for other, norm in self.largest.items() if other != "volume")
-        return max(self.largest[field], force / self.force_per_rate) if field == "volume" else force
+        """Return the largest force of run and iterate in the unit of a field, or its own largest term."""
+        force = max(norm for other, norm in self._present.items() if other != "volume")
+        return max(self._present[field], force / self.force_per_rate) if field == "volume" else force
 
     @property
     def slow(self):
@@ -86,7 +89,7 @@ class Convergence:
     @property
     def falling(self):
         """Return whether the residuals of the step have fallen at all, to a tenth of the forces at least."""
-        return min(max(errors.values()) for errors in self.history) < 0.1
+        return min((max(errors.values()) for errors in self.history), default=1.0) < 0.1
 
     @property
     def _stalled(self):

@@ -183,20 +183,25 @@ def _accelerated(name):
 class InterfaceCoupling(InterfaceMedium, _Sweep):
     """The partitioned iteration: Dirichlet-Neumann, Robin-Neumann, Robin-Robin or Neumann-Dirichlet, strong, weak or one-way."""
 
-    @property
-    def advice(self):
-        """Return what to try where the sweeps of a step do not converge."""
+    def _alternatives(self):
+        """Return name -> what to try; against an added mass a smaller step does not help."""
+        alternatives = super()._alternatives()
         if self._both:
-            return (
-                'try coupling.accelerator = "iqn_ils", coupling.tangent = "newton", coupling.interface = "robin_neumann" '
-                'or coupling.scheme = "direct" (against an added mass a smaller step does not help)'
-            )
-        advice = 'try a smaller step or coupling.tangent = "newton"'
-        return (
-            f"{advice}, and backflow = 1 on a boundary through which the flow comes back in"
-            if self.fluid.domain.n_nodes
-            else advice
-        )
+            del alternatives["step"]
+            scheme = alternatives.pop("scheme")
+            if self._conditions.name == "dirichlet_neumann":
+                alternatives["interface"] = 'coupling.interface = "robin_neumann"'
+            return alternatives | {"scheme": scheme}
+        alternatives = {name: alternatives[name] for name in ("step", "tangents") if name in alternatives}
+        if self.fluid.domain.n_nodes:
+            alternatives["backflow"] = "backflow = 1 on a boundary through which the flow comes back in"
+        return alternatives
+
+    @property
+    def remedies(self):
+        """Return what a step that failed is tried with, in turn; sweeps are accelerated where both phases see each other."""
+        accelerated = self._sees == "trial" and self._both
+        return tuple(name for name in super().remedies if accelerated or name != "accelerator")
 
     def step(self, schemes, rates, t, step):
         """Do what `Medium.step` does; where an element is inverted by sweeps that do not converge, say so."""

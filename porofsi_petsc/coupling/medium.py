@@ -17,13 +17,28 @@ class Medium:
     Here the skeleton carries the fluid: a porous medium.
     """
 
-    advice = "try a smaller step or more coupling.max_iterations"
+    remedies = ()  # what a step that failed is tried with, in turn: names that `remedied` takes
+    tried = frozenset()  # what the run tries by itself before it gives up: remedies and "step", a smaller one
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations):
         """Take the phases and what ends the iteration of a step."""
         self.solid, self.fluid, self._comm, self._cap = solid, fluid, comm, max_iterations
         self.convergence = Convergence(tolerance)
         self.iterations, self.residuals = 0, None
+
+    @property
+    def advice(self):
+        """Return what to try where a step does not converge, but for what is set already and what the run tries by itself."""
+        texts = [text for name, text in self._alternatives().items() if name not in self.tried]
+        if self.convergence.falling:
+            texts.append(f"more than coupling.max_iterations = {self._cap}")
+        if not texts:
+            return ""
+        return f"try {' or '.join([', '.join(texts[:-1]), texts[-1]] if texts[1:] else texts)}"
+
+    def _alternatives(self):
+        """Return name -> what to try."""
+        return {"step": "a smaller step"}
 
     def dot(self, a, b):
         """Return the inner product of two distributed vectors (collective)."""

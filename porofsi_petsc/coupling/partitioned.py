@@ -1,8 +1,10 @@
 """What partitioned schemes share: lagged or new tangents of the phases, an accelerator and what it leaves to the next step."""
 
 import itertools
+from contextlib import contextmanager
 
 from ..phases.tangent import Travel
+from .accelerators import Anderson, QuasiNewton
 from .medium import Medium
 
 PATIENCE = 2  # sweeps between two renewals of lagged tangents within a step
@@ -12,13 +14,41 @@ NAMES = ("residual", "image")  # of the vectors that an accelerator reuses
 class PartitionedMedium(Medium):
     """Two phases solved in turn; a scheme says what a sweep is, what its accelerated vector and the inner product `_dot` are."""
 
-    advice = 'try a smaller step, another coupling.accelerator ("anderson", "iqn_ils") or more coupling.max_iterations'
-
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, accelerator, full_newton):
-        """Take the medium, an accelerator made with an inner product, and whether tangents are new in every sweep or lagged."""
+        """Take the medium, what makes an accelerator, and whether tangents are new in every sweep or lagged.
+
+        accelerator : inner product, and a name where it is not the scene's -> accelerator
+        """
         super().__init__(solid, fluid, comm, tolerance, max_iterations)
         self._accelerator, self._travel = accelerator(self._dot), Travel(solid, fluid, comm) if full_newton else None
+        self._spare = accelerator(self._dot, "iqn_ils" if isinstance(self._accelerator, Anderson) else "anderson")
         self._linear = solid.is_linear and fluid.is_linear
+
+    @property
+    def remedies(self):
+        """Return what a step that failed is tried with, in turn."""
+        return ("accelerator",) if self._linear or self._travel else ("accelerator", "tangents")
+
+    @contextmanager
+    def remedied(self, remedy):
+        """Sweep with the spare accelerator, by the remedy "tangents" with tangents of full Newton besides."""
+        own = self._accelerator, self._travel
+        self._accelerator = self._spare
+        if remedy == "tangents":
+            self._travel = Travel(self.solid, self.fluid, self._comm)
+        try:
+            yield
+        finally:
+            self._accelerator, self._travel = own
+
+    def _alternatives(self):
+        """Return name -> what to try."""
+        alternatives = super()._alternatives()
+        if not isinstance(self._accelerator, Anderson | QuasiNewton):
+            alternatives["accelerator"] = 'coupling.accelerator = "iqn_ils"'
+        if "tangents" in self.remedies:
+            alternatives["tangents"] = 'coupling.tangent = "newton"'
+        return alternatives | {"scheme": 'coupling.scheme = "direct"'}
 
     def _begin(self, t, rates, accepted):
         self._accelerator.begin_step()

@@ -4,10 +4,10 @@ import numpy as np
 
 from .partitioned import PartitionedMedium
 
-# Guards of Aitken's factor by split.  The corrected split's error factors lie between 0 and 0.5 (measured 0.45 at low
-# permeability: at grid scale the fixed-stress Laplacian is up to twice the discrete answer of the skeleton), so the best
-# factor is near 1.2; the plain split's go far below -1 and want a small one.
-GUARDS = {"corrected": (0.9, 1.3), "plain": (0.05, 1.6)}
+# Guards of Aitken's factor by split.  The corrected split's error factors lie between -1/2 and 1/2 for every Poisson ratio
+# (`kernels.solid.volumetric_compliance`), for which 1/(1 + 1/2) to 1/(1 - 1/2) are best; the plain split's go far below -1 and
+# want a small one.
+GUARDS = {"corrected": (0.6, 2.0), "plain": (0.05, 1.6)}
 
 
 class PorousCoupling(PartitionedMedium):

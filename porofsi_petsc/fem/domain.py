@@ -7,16 +7,20 @@ import numpy as np
 from mpi4py import MPI
 
 from ..compiled import plain, specialized
-from ..errors import ConvergenceError
+from ..errors import SMALLER_STEP, ConvergenceError
 from .geometry import Geometry, Rule, SecondDerivatives, element_size, geometry
 
 CHUNK_BYTES = 4_000_000  # element matrices of one chunk: vectors of a residual stay in the second-level cache, calls are few
+
+STRAIGHT = 1e-6  # largest distance of a mid-edge node of a straight edge from its middle, over its length
 
 
 class Domain:
     """The local elements of a mesh, or of some of its regions, ordered by region, with their two quadrature rules.
 
-    stiffness : rule exact for products of gradients; mass : exact for products of shape functions (straight-sided elements)
+    stiffness : rule exact for products of gradients; mass : exact for products of shape functions (straight-sided elements).
+    Where an element is curved the mass rule serves both: the volume change at fewer points is another one than that which the
+    pressure sees, and at ν = 0.4999 the skeleton would answer a pressure six times as much as λ allows.
     nodes (n_active,) : the owned nodes that its elements touch; holds (n_local,) bool : the same with ghosts;
     first, numbering (n_local,) : PETSc's numbers of these nodes, -1 elsewhere; n_nodes : on all ranks
     Nodal fields have rows for all nodes of the mesh; matrices have those of `nodes` only.
@@ -39,8 +43,16 @@ class Domain:
         self.region_slices = dict(zip(self.regions, spans, strict=True))
         self._number_nodes()
         order = self.element.order
-        self.stiffness = Rule.of(self.element, max(2 * (order - 1), 1))
         self.mass = Rule.of(self.element, 2 * order)
+        self.is_curved = order == 2 and self._has_curved_edge()
+        self.stiffness = self.mass if self.is_curved else Rule.of(self.element, max(2 * (order - 1), 1))
+
+    def _has_curved_edge(self):
+        """Return whether a mid-edge node of any rank's elements is off the middle of its edge (collective)."""
+        points, (a, b) = self.mesh.X[self.cells], np.array(self.element.edges).T
+        off = points[:, self.dim + 1 :] - (points[:, a] + points[:, b]) / 2
+        lengths = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
+        return self.mesh.comm.allreduce(bool((np.linalg.norm(off, axis=-1) > STRAIGHT * lengths).any()), MPI.LOR)
 
     def _number_nodes(self):
         """Set the nodes of the domain and their numbers (collective)."""
@@ -93,7 +105,7 @@ class Domain:
         if self.element.order == 1:
             volume = self.reference.dV.sum(axis=1, keepdims=True) / self.mass.weights.sum()
             return Geometry(self.reference.G, volume * self.stiffness.weights)
-        return geometry(self.stiffness, self.mesh.X[self.cells])
+        return self.reference if self.is_curved else geometry(self.stiffness, self.mesh.X[self.cells])
 
     @cached_property
     def reference_slope(self):
@@ -113,7 +125,7 @@ class Domain:
         centre = self.mesh.X[self.cells[bad[0]]].mean(axis=0).tolist() if len(bad) else None
         found = next(place for place in self.mesh.comm.allgather(centre) if place)
         where = ", ".join(f"{c:.4g}" for c in found)
-        raise ConvergenceError(f"{what} (element at ({where}) m of the reference)", "try a smaller step")
+        raise ConvergenceError(f"{what} (element at ({where}) m of the reference)", SMALLER_STEP)
 
     def sum_owned(self, cell_values):
         """Return the sum over the elements of all ranks of values (E,)."""

@@ -162,7 +162,7 @@ def strong_gradient(el, x):
 def add_skeleton_answer(K, el, mass_weight, laplacian_weight):
     """Add the answer of the skeleton to a pressure change to the tangent K with the auxiliary field s after p (or without it).
 
-    The answer B_m (δp - s), (B_m + B_L) s = B_m δp is the parallel sum of B_m = ∫ α² c_v/E_c q p (stiffness) and
+    The answer B_m (δp - s), (B_m + B_L) s = B_m δp is the parallel sum of B_m = ∫ α² c_v β q p (stiffness, β [1/Pa]) and
     B_L = ∫ α² c_v/(ρ_χ c_a) ∇q·∇p (inertia), an inertia-aware fixed-stress term; with d + 1 components only B_m is added.
 
     mass_weight, laplacian_weight : (E, Q) coefficients without dV

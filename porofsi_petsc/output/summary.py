@@ -25,6 +25,8 @@ SUMMARY_KEYS = {
     "unknowns.auxiliary": "number of unknowns of the auxiliary field of the coupling term, 0 without it",
     "steps": "number of accepted time steps, those before a restart included",
     "step_cuts": "number of times a step was repeated with a smaller step size because the coupling failed",
+    "fall_backs.accelerator": "number of steps whose coupling converged with another accelerator only",
+    "fall_backs.tangents": "number of steps whose coupling converged with new tangents in every sweep only",
     "steps_rejected": "number of times a step was repeated with a smaller step size because of time.error_tolerance",
     "time_end": "last computed time [s]",
     "wall_time.setup": "time to distribute the mesh and to build the phases [s], maximum over the ranks like all wall times",

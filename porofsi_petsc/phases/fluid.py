@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
-from ..kernels.solid import displacement_gradient, longitudinal_modulus
+from ..kernels.solid import displacement_gradient, volumetric_compliance
 from ..linalg.stopwatch import timed
 from .flow_fields import NodalFlow
 from .loads import body_acceleration
@@ -430,8 +430,8 @@ class FluidPhase:
         alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
         inertia = rates.moving_inertia(elements.S, material.rho_s, elements.rho) if self._setup.has_auxiliary else 1.0
         H = displacement_gradient(self.domain.reference.G[chunk], self.domain.gather(skeleton.displacement, chunk))
-        modulus = longitudinal_modulus(material.elastic, H)
-        kernel.add_skeleton_answer(values, elements, alpha2_cv / modulus, alpha2_cv / inertia)
+        compliance = volumetric_compliance(material.elastic, H)
+        kernel.add_skeleton_answer(values, elements, alpha2_cv * compliance, alpha2_cv / inertia)
         if self._setup.has_auxiliary:
             rows, terms = self._setup.free_surface
             here = (rows >= chunk.start) & (rows < chunk.stop)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import ConvergenceError
+from ..errors import SMALLER_STEP, ConvergenceError
 from ..fem.domain import Configuration
 from ..fem.geometry import shape_quality
 from ..kernels import solid as kernel
@@ -119,7 +119,7 @@ class MeshMotion:
             if size <= TOLERANCE:
                 return u
             self._stale, last = size > SLOW * last, size
-        raise ConvergenceError(f"the motion of the mesh did not converge in {CAP} iterations", "try a smaller step")
+        raise ConvergenceError(f"the motion of the mesh did not converge in {CAP} iterations", SMALLER_STEP)
 
     def _extended_rate(self, solid):
         """Return the velocity of the mesh for that of the solid (n_local, d), K v = 0 inside with the tangent of `u`."""

@@ -17,6 +17,7 @@ from ..phases.fluid import FluidPhase
 from ..phases.mixture import DirectMixture, QuasiDirectMixture
 from ..phases.solid import SolidPhase
 from .auto import AutoMedium, auto_terms
+from .fall_back import tried_by_itself
 from .interface import interface_medium
 from .setups import fluid_setup, materials_of, nodal_field, solid_setup
 from .sides import check_sides
@@ -83,12 +84,14 @@ def local_mesh(scene, comm):
 
 def build_coupling(scene, mesh, stopwatch):
     """Return the coupling scheme of a scene with its phases in their initial state (collective)."""
-    if not scene.is_porous:
-        return interface_medium(scene, mesh, stopwatch)
-    domain = Domain(mesh)
-    if auto_terms(scene.model):
-        return AutoMedium(scene, lambda scene: _medium(scene, domain, stopwatch))
-    return _medium(scene, domain, stopwatch)
+    domain = Domain(mesh) if scene.is_porous else None
+
+    def build(scene):
+        medium = _medium(scene, domain, stopwatch) if domain else interface_medium(scene, mesh, stopwatch)
+        medium.tried = tried_by_itself(scene)
+        return medium
+
+    return AutoMedium(scene, build) if auto_terms(scene.model) else build(scene)
 
 
 def _medium(scene, domain, stopwatch):
@@ -105,7 +108,7 @@ def _medium(scene, domain, stopwatch):
     if choice.scheme in MIXTURES:
         return MonolithicCoupling(*common, MIXTURES[choice.scheme](solid, fluid, *setups))
 
-    def accelerator(dot):
-        return ACCELERATORS[choice.accelerator](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
+    def accelerator(dot, name=choice.accelerator):
+        return ACCELERATORS[name](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
 
     return PorousCoupling(*common, accelerator, choice.tangent == "newton")

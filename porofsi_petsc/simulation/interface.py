@@ -36,9 +36,9 @@ def interface_medium(scene, mesh, stopwatch):
     sticking = np.where(transfer.fluid_nodes[:, None], transfer.to_fluid(velocity), nodal_field(mesh, initial.fluid_velocity))
     fluid.set_initial(sticking, pressure)
 
-    def accelerator(dot):
+    def accelerator(dot, name=choice.accelerator):
         first = conditions.first_factor if choice.relaxation is None else choice.relaxation
-        return ACCELERATORS[choice.accelerator](dot, first, GUARD, choice.reuse_steps)
+        return ACCELERATORS[name](dot, first, GUARD, choice.reuse_steps)
 
     medium = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
     both = {"motion": motion, "transfer": transfer}

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from mpi4py import MPI
 
 from ..clock import Steady, backward_euler, first_order, implicit_second_order, second_order
-from ..errors import ConvergenceError, InputError, LimitError, Stopped
+from ..errors import SMALLER_STEP, ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
 from ..signals import forget, noted
 from .auto import auto_terms
 from .energy import step_powers
+from .fall_back import WORDING, FallBack
 from .step_control import StepControl, StepTooLarge
 
 ABSENT_PREFIXES = ("mesh_",)  # a solver that many scenes do not have; its options may stand in a shared options file
@@ -32,6 +33,7 @@ class Clock:
         self._section = section
         self.t, self.step, self.cuts, self.nominal = 0.0, 0, 0, section.step
         self.target = self.substep = None  # end and size of the parts of a nominal step that was cut
+        self.fall_backs = dict.fromkeys(WORDING, 0)  # remedy -> steps that converged with it only
 
     @property
     def finished(self):
@@ -100,13 +102,14 @@ class Clock:
 
     def state(self):
         """Return the numbers a restart needs."""
-        names = ("t", "step", "cuts", "nominal", "target", "substep")
+        names = ("t", "step", "cuts", "nominal", "target", "substep", "fall_backs")
         return {name: getattr(self, name) for name in names}
 
     def load(self, state):
         """Continue from `state`; a scene without growth keeps its own step size."""
         self.t, self.step, self.cuts = state["t"], state["step"], state["cuts"]
         self.target, self.substep = state["target"], state["substep"]
+        self.fall_backs |= state.get("fall_backs", {})
         if self._section.growth > 1 or self._section.error_tolerance:
             self.nominal = state["nominal"]
 
@@ -142,6 +145,7 @@ class TimeLoop:
         self.clock = Clock(scene.time)
         self.control = StepControl(scene.time, coupling.solid.mesh.comm) if scene.time.error_tolerance else None
         self.auto = coupling if auto_terms(scene.model) else None
+        self._fall_back = FallBack(coupling, self.clock)
         self.iterations = []
 
     @property
@@ -178,22 +182,30 @@ class TimeLoop:
 
     def _advance(self, target):
         """Reach the target in one step, or in smaller ones when the coupling fails and the scene allows it."""
-        choice, halvings, dt = self._scene.coupling, 0, self.clock.next_size()
+        halvings, dt = 0, self.clock.next_size()
+        most = self._scene.coupling.max_cuts if "step" in self._coupling.tried else 0
         while self.clock.t < target:
             try:
                 self._step(min(dt, self.clock.size_to(target)), target)
             except ConvergenceError as error:
-                if choice.on_failure != "cut_step" or halvings == choice.max_cuts:
+                if not most:
                     raise
+                if halvings == most:
+                    raise self._given_up(error, dt) from error
                 halvings, dt = halvings + 1, dt / 2
                 self.clock.cut(target, dt)
                 self._coupling.reset()
                 logger.info("step cut to %g s at t = %g s: %s", dt, self.clock.t, error)
 
+    def _given_up(self, error, dt):
+        """Return the error of a step that failed in every size down to dt."""
+        advice = self._coupling.advice if error.advice == SMALLER_STEP else error.advice
+        return ConvergenceError(f"{error.what}, the step cut to {dt:g} s", advice)
+
     def _step(self, dt, target):
         clock, coupling = self.clock, self._coupling
         schemes, rates = clock.schemes(self.model, dt)
-        coupling.step(schemes, rates, clock.t, clock.step + 1)
+        self._fall_back.solve(schemes, rates)
         sizes = self._measures.neglected_sizes(coupling, dt)
         if self.auto and self.auto.switch(self._measures.omissions, sizes, clock):
             self._measures.remodel(self.auto.scene)

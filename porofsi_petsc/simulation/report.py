@@ -34,6 +34,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, fil
         "unknowns": _unknowns(coupling.solid, coupling.fluid),
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
+        "fall_backs": loop.clock.fall_backs,
         "steps_rejected": loop.control.rejections if loop.control else 0,
         "time_end": loop.clock.t,
         "wall_time": _wall_time(comm, stopwatch, coupling.solvers),

@@ -16,6 +16,7 @@ CELLS, STEP, STEPS, K = 16, 1e-3, 50, 1e-2  # of a block, [s], number of steps, 
 LIMIT_K = 1e-5  # [m/s], permeability of the cases about the smallest step
 SMALLEST_ANGLE = 5.0  # [degrees]
 LONG = 20_000  # steps
+OWN = {"accelerator": "aitken", "on_failure": "stop"}  # [coupling]: nothing helps a case but itself
 GROWTH_BOUND, DRIFT_BOUND = 1e-3, 1e-3  # of energy and displacement: the tolerance 1e-6 of a step, 1000 times over 20 000 steps
 
 
@@ -97,6 +98,7 @@ def block(*, k=K, dt=STEP, steps=STEPS, load=None, dynamic=True, finite=False, m
     time = {"end": end, "step": dt} | ({"rho_inf": more.pop("rho_inf", 0.3)} if dynamic else {"scheme": "backward_euler"})
     materials = materials or [soil.material(k, law)]
     mesh, boundary = mesh or soil.mesh(CELLS), (boundary or soil.boundary)(load)
+    more["coupling"] = OWN | more.get("coupling", {})
     return lambda folder: soil.scene("hard case", mesh, soil.model(dynamic, finite), time, materials, boundary, **more)
 
 
@@ -158,7 +160,8 @@ def nearly_incompressible(nu=0.4999):
 
 def shipped(name, *overrides):
     """Return the maker of a shipped scene with changes; it is not judged by its own expectations."""
-    return lambda folder: load_scene(name, ("expect=[]", *overrides))
+    own = [f"coupling.{key}={value}" for key, value in OWN.items()]
+    return lambda folder: load_scene(name, ("expect=[]", *own, *overrides))
 
 
 def free_vibration(steps):

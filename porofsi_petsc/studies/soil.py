@@ -5,6 +5,7 @@ from ..config.sections import Limits
 from ..exact.confined import UNIAXIAL
 
 LAME = {"lambda": 8.375e6, "mu": 5.583e6}  # [Pa]
+YOUNG = LAME["mu"] * (3 * LAME["lambda"] + 2 * LAME["mu"]) / (LAME["lambda"] + LAME["mu"])  # [Pa], with ν = 0.3
 POROSITY, SIZE = 0.33, 10.0  # [-], edge of the block [m]
 SMALL_LOAD = 3e3  # [Pa], 0.015 % drained compression
 COMPRESSION = 0.2  # drained, of the large-strain cases [-]
@@ -27,9 +28,10 @@ def material(k, law="linear_elastic", lame=LAME, porosity=POROSITY, grains=2000.
     }
 
 
-def stiffened(factor):
-    """Return the soil's Lamé parameters times a factor."""
-    return {name: factor * value for name, value in LAME.items()}
+def lame(poisson, factor=1.0):
+    """Return the Lamé parameters of a soil of this Poisson's ratio, as many times as stiff as set A [Pa]."""
+    E = factor * YOUNG
+    return {"lambda": E * poisson / ((1 + poisson) * (1 - 2 * poisson)), "mu": E / (2 * (1 + poisson))}
 
 
 def layers(number):
