@@ -84,9 +84,9 @@ def _write_pieces(path, pieces, attributes, front):
 
 
 class _PatientFile(io.FileIO):
-    """A file in which no write fails: HDF5 ends with a segmentation fault after one that did, on a full disk, say.
+    """A file in which nothing fails: HDF5 ends with a segmentation fault after a write that did, on a full disk, say.
 
-    error : the first OSError of a write, after which the content is worthless, or None
+    error : the first OSError, after which the content is worthless, or None
     """
 
     error = None
@@ -96,22 +96,34 @@ class _PatientFile(io.FileIO):
         super().__init__(path, "w+")
 
     def write(self, data):
-        """Write all bytes, or keep the error."""
+        """Write all bytes."""
         rest = memoryview(data).cast("B")
-        try:
+        with self._keeping_errors():
             while rest:  # a system call takes 2 GiB at most
                 rest = rest[super().write(rest) :]
-        except OSError as failure:
-            self.error = self.error or failure
         return len(data)
 
     def readinto(self, buffer):
         """Give back what was written, and zeros for what was not."""
         rest = memoryview(buffer).cast("B")
-        while rest and (found := super().readinto(rest)):
-            rest = rest[found:]
+        with self._keeping_errors():
+            while rest and (found := super().readinto(rest)):
+                rest = rest[found:]
         rest[:] = bytes(len(rest))
         return len(buffer)
+
+    def truncate(self, size=None):
+        """Set the size of the file."""
+        with self._keeping_errors():
+            super().truncate(size)
+        return size
+
+    @contextmanager
+    def _keeping_errors(self):
+        try:
+            yield
+        except OSError as failure:
+            self.error = self.error or failure
 
 
 def _fill(patient, pieces, attributes, front):
