@@ -4,8 +4,9 @@ import json
 import os
 import resource
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from unittest import mock
 
 import fuzz_checkpoints as fuzzing
 import h5py
@@ -15,10 +16,12 @@ from mpi4py import MPI
 from running import Job, by_command_line, changes, header, history, needs_mpirun, run_here, state, summary
 
 from porofsi_petsc.errors import ExpectationError, InputError, LimitError, PorofsiError
-from porofsi_petsc.output import hdf5
+from porofsi_petsc.output import figures, hdf5
 from porofsi_petsc.output import seal as sealing
 from porofsi_petsc.output.checkpoint import open_checkpoint
+from porofsi_petsc.output.figures import make_figures
 from porofsi_petsc.output.hdf5 import write_slabs
+from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.seal import is_sealed, seal
 
 SELF, WORLD = MPI.COMM_SELF, MPI.COMM_WORLD
@@ -368,6 +371,24 @@ def test_damage_beside_the_checkpoint_is_one_sentence_and_nothing_is_lost(half, 
     spoil, sentence = BESIDE[case]
     spoil(Path(half.directory))
     refused(half, sentence)
+
+
+@pytest.mark.parametrize(
+    "name", ["scene.toml", "history.csv", "checkpoint.h5", "summary.json", "fields/mesh.h5", "fields/000005.h5"]
+)
+@pytest.mark.parametrize("damage", ["noise", "nothing", "half"])
+def test_results_that_are_damaged_are_described_and_drawn_or_refused(whole, tmp_path, name, damage):
+    run = tmp_path / "run"
+    shutil.copytree(whole.directory, run)
+    content = (run / name).read_bytes()
+    noise = np.random.default_rng(0).bytes(len(content))
+    (run / name).write_bytes({"noise": noise, "nothing": b"", "half": content[: len(content) // 2]}[damage])
+    with mock.patch.object(figures, "save_figure", lambda path, draw, *arguments: path):
+        for look in (describe, make_figures):
+            with suppress(InputError):
+                look(run)
+    with suppress(InputError):
+        describe(run / name)
 
 
 def test_files_of_others_in_the_folder_of_the_fields_are_left_alone(half, whole):

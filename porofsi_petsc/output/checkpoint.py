@@ -5,6 +5,7 @@ It is sealed: HDF5 sees nothing of it before the checksum of all its bytes is ri
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -91,11 +92,12 @@ def read_arrays(path, header, mesh):
             f"with the regions {', '.join(regions)}; restart with the scene and mesh file of the first run"
         )
     start, stop = mesh.order.bounds[mesh.comm.rank], mesh.order.bounds[mesh.comm.rank + 1]
-    slabs = on_all(mesh.comm, lambda: {name: read_slab(path, name, start, stop) for name in header["arrays"]})
-    finite = all(np.isfinite(slab).all() for slab in slabs.values())
+    slabs = (on_all(mesh.comm, partial(read_slab, path, name, start, stop)) for name in header["arrays"])
+    arrays = {name: mesh.order.from_slab(slab) for name, slab in zip(header["arrays"], slabs, strict=True)}
+    finite = all(np.isfinite(array).all() for array in arrays.values())
     if not mesh.comm.allreduce(finite, op=MPI.LAND):
         raise damaged(path, "it holds numbers that are not finite", mesh.comm)
-    return {name: mesh.order.from_slab(slab) for name, slab in slabs.items()}
+    return arrays
 
 
 def damaged(path, what, comm):

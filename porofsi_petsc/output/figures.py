@@ -59,7 +59,11 @@ def _scene(directory):
     scene = directory / "scene.toml"
     if not scene.is_file():
         raise InputError(f"{directory}: no scene.toml there, expected the result directory of a run; give the DIR of porofsi run")
-    return parse_toml(scene.read_text(encoding="utf-8"))
+    try:
+        return parse_toml(scene.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as failure:
+        text = f"damaged, expected the scene in TOML that porofsi run wrote ({failure})"
+        raise InputError(f"{scene}: {text}; write it again with porofsi run … --restart") from failure
 
 
 def _field_figures(directory, scene, settings):

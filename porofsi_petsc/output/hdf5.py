@@ -7,7 +7,7 @@ so that no rank ever holds a whole dataset.
 import errno
 import io
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import h5py
 import numpy as np
@@ -70,7 +70,8 @@ def _write_through_root(path, comm, slabs, counts, attributes, front):
             _write_pieces(path, pieces, attributes, front)
         except OSError as failure:
             error = writing_error(failure, path)
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.unlink()
     for _ in pieces:  # the other ranks send; after an error rank 0 still takes what they send
         pass
     raise_everywhere(comm, error)
@@ -78,9 +79,11 @@ def _write_through_root(path, comm, slabs, counts, attributes, front):
 
 def _write_pieces(path, pieces, attributes, front):
     with _PatientFile(path) as patient:
-        _fill(patient, pieces, attributes, front)
-    if patient.error is not None:
-        raise patient.error
+        try:
+            _fill(patient, pieces, attributes, front)
+        finally:
+            if patient.error is not None:  # what else goes wrong follows from it
+                raise patient.error
 
 
 class _PatientFile(io.FileIO):

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 from mpi4py import MPI
 
@@ -45,7 +44,7 @@ def describe(path):
         return _describe_summary(path)
     if path.suffix == ".csv":
         return _describe_history(path)
-    if h5py.is_hdf5(path) and path.suffix == ".h5":
+    if path.suffix == ".h5":
         return _describe_checkpoint(path)
     return _describe_mesh(path)
 
