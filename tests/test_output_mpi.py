@@ -12,7 +12,7 @@ from porofsi_petsc.errors import InputError, PorofsiError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.mesh.generate import rectangle
 from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays, write_checkpoint
-from porofsi_petsc.output.directory import prepare
+from porofsi_petsc.output.directory import Claim
 from porofsi_petsc.output.fields import FieldWriter
 from porofsi_petsc.output.files import on_root
 from porofsi_petsc.output.hdf5 import read_slab, write_slabs
@@ -97,7 +97,7 @@ def test_every_rank_sees_an_error_of_rank_0(shared_path):
         Probes(local_mesh(0), [("A", [3.0, 0.0])])
     on_root(COMM, (shared_path / "file").touch)
     with pytest.raises(InputError, match="already holds files"):
-        prepare(shared_path, False, None, COMM)
+        Claim(shared_path, False, None, COMM)
 
 
 def test_history_is_written_once(shared_path):
