@@ -6,9 +6,11 @@ from scipy.special import jvp, yvp
 
 from porofsi_petsc.exact import (
     UNIAXIAL,
+    Cryer,
     DynamicColumn,
     Mandel,
     Ring,
+    Seabed,
     Selfweight,
     StripFooting,
     Terzaghi,
@@ -209,3 +211,43 @@ def test_the_shape_of_the_ring_bends_it_without_stretch():
     thinning = 0.3 / 0.7 * 3 * 0.1**2 / 8  # ν/(1 - ν) ∫ (n² - 1) z/R² dz from the middle to the outer surface, where u_r = 1
     ends = RING.shape(np.array([[1.05, 0.0], [1.0, 0.0], [0.0, 1.0]]))
     assert ends == pytest.approx(np.array([[1, 0], [1 + thinning, 0], [0, -1 - thinning]]), abs=0.1 * thinning)  # h/R
+
+
+@pytest.mark.parametrize("nu, peak", [(0.0, 1.5573), (0.1, 1.4663), (0.25, 1.3075)])
+def test_cryers_sphere_has_the_published_peak_and_keeps_its_balances(nu, peak):
+    """The sphere of unit sizes: T = t; peaks by the sum of Cryer (1963) as Cheng (Poroelasticity, 2016) writes it."""
+    lam, mu = 2 * 0.5 * nu / (1 - 2 * nu), 0.5
+    sphere = Cryer(1.0, 1.0, lam, mu, 1.0)
+    assert sphere.pressure(np.zeros(1), 0.05)[0] == pytest.approx(peak, abs=5e-5)  # digits of the value
+    assert sphere.displacement(np.ones(1), 10.0)[0] == pytest.approx(-1 / (3 * lam + 2 * mu), rel=1e-9)  # drained
+    r, t, h = np.linspace(0.2, 0.8, 7), 0.05, 1e-3
+    e = sphere.displacement(r + h, t) * (r + h) ** 2 - sphere.displacement(r - h, t) * (r - h) ** 2
+    e /= 2 * h * r**2
+    p = sphere.pressure(r, t)
+    assert np.ptp((lam + 2 * mu) * e - p) < 1e-5 * np.ptp(p)  # E_c e' = p'; differences, h²
+    u, inside, deeper = sphere.displacement(1 - h * np.arange(3), t)
+    stretch = (3 * u - 4 * inside + deeper) / (2 * h)
+    assert lam * (stretch + 2 * u) + 2 * mu * stretch == pytest.approx(-1.0, abs=1e-5)  # the load, p = 0
+
+
+def test_the_seabed_keeps_its_volume_and_its_balances():
+    bed, x, z, t, h = Seabed(2.0, 7.0, 1.0, 0.5), np.array([0.3, 1.1, 2.9]), np.array([0.4, 1.0, 2.0]), 0.7, 1e-4
+
+    def slopes(component):
+        """Return the derivatives by x and by the height of a component."""
+        along = (bed.displacement(x + h, z, t)[component] - bed.displacement(x - h, z, t)[component]) / (2 * h)
+        up = (bed.displacement(x, z - h, t)[component] - bed.displacement(x, z + h, t)[component]) / (2 * h)
+        return along, up
+
+    def laplacian(field, step=1e-2):
+        near = field(x + step, z) + field(x - step, z) + field(x, z + step) + field(x, z - step)
+        return (near - 4 * field(x, z)) / step**2
+
+    (u_x, u_x_up), (u_y_along, u_y) = slopes(0), slopes(1)
+    assert u_x + u_y == pytest.approx(0.0, abs=1e-7)  # no change of volume
+    assert laplacian(lambda x, z: bed.pressure(x, z, t)) == pytest.approx(0.0, abs=1e-4)  # no flow but of a harmonic p
+    force = (bed.pressure(x, z - h, t) - bed.pressure(x, z + h, t)) / (2 * h)
+    assert bed.mu * laplacian(lambda x, z: bed.displacement(x, z, t)[1]) == pytest.approx(force, rel=1e-3)  # μ Δu = ∇p
+    z = np.full(3, h)  # no effective traction on the surface: σ_yy = 2 μ u_y' and the shear stress
+    (_, u_x_up), (u_y_along, u_y) = slopes(0), slopes(1)
+    assert np.abs([u_y, u_x_up + u_y_along]).max() < 2 * h * bed.wavenumber * np.abs(u_x).max() * 5

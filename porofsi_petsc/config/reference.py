@@ -6,13 +6,25 @@ from pydantic import Field, model_validator
 
 from .types import Number, Positive, Table, list_of, wrong
 
-Solution = Literal["column_step", "column_harmonic", "terzaghi", "mandel", "strip_footing", "xie_leo", "selfweight", "drained"]
+Solution = Literal[
+    "column_step",
+    "column_harmonic",
+    "terzaghi",
+    "mandel",
+    "strip_footing",
+    "cryer",
+    "seabed",
+    "xie_leo",
+    "selfweight",
+    "drained",
+]
+HARMONIC = ("column_harmonic", "seabed")
 
 
 class Reference(Table):
     """The solution, its load [Pa] and length [m]; all else comes from the scene's one material.
 
-    frequency : ω [rad/s] of column_harmonic; surface : height of the drained surface [m] (absent: length);
+    frequency : ω [rad/s] of HARMONIC solutions; surface : height of the drained surface [m] (absent: length);
     times : when the errors are taken [s], beside the end.
     """
 
@@ -26,7 +38,7 @@ class Reference(Table):
     @model_validator(mode="after")
     def _complete(self):
         self._check("load", self.solution != "selfweight")
-        self._check("frequency", self.solution == "column_harmonic")
+        self._check("frequency", self.solution in HARMONIC)
         if list(self.times) != sorted(set(self.times)):
             raise wrong(f"received {list(self.times)}, expected increasing numbers", "times")
         return self

@@ -247,8 +247,10 @@ class Scene(Table):
             return
         if len(self.material) != 1:
             raise wrong(f"received {len(self.material)} materials, expected one, from which the solution is made", "reference")
-        if self.dim == 3 and self.reference.solution in ("mandel", "strip_footing"):
-            raise wrong(f"received '{self.reference.solution}' in a three-dimensional scene", "reference.solution")
+        of_one_dimension = {"mandel": 2, "strip_footing": 2, "seabed": 2, "cryer": 3}
+        if of_one_dimension.get(self.reference.solution, self.dim) != self.dim:
+            words = {2: "two", 3: "three"}
+            raise wrong(f"received '{self.reference.solution}' in a {words[self.dim]}-dimensional scene", "reference.solution")
         laws = self.material[0].solid.law, self.material[0].permeability.law
         if self.reference.solution == "xie_leo" and laws != ("xie_leo", "xie_leo"):
             received = f"received 'xie_leo' with the laws '{laws[0]}' and '{laws[1]}'"

@@ -6,10 +6,24 @@ positive downward and pressure in compression.  Sudden loads act from t = 0+.
 
 from .confined import UNIAXIAL, confined_ratio
 from .consolidation import Terzaghi, XieLeo
+from .cryer import Cryer
 from .dynamic import DynamicColumn
 from .mandel import Mandel
 from .ring import Ring
+from .seabed import Seabed
 from .selfweight import Selfweight
 from .strip import StripFooting
 
-__all__ = ["UNIAXIAL", "DynamicColumn", "Mandel", "Ring", "Selfweight", "StripFooting", "Terzaghi", "XieLeo", "confined_ratio"]
+__all__ = [
+    "UNIAXIAL",
+    "Cryer",
+    "DynamicColumn",
+    "Mandel",
+    "Ring",
+    "Seabed",
+    "Selfweight",
+    "StripFooting",
+    "Terzaghi",
+    "XieLeo",
+    "confined_ratio",
+]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..exact import DynamicColumn, Mandel, Selfweight, StripFooting, Terzaghi, XieLeo, confined_ratio
+from ..exact import Cryer, DynamicColumn, Mandel, Seabed, Selfweight, StripFooting, Terzaghi, XieLeo, confined_ratio
 from ..fem.geometry import Rule, geometry
 from ..output.probes import Probes
 
@@ -152,6 +152,34 @@ def _strip_footing(scene, soil):
     return ExactFields(None, lambda t, X: strip.pressure(X[:, 0], surface - X[:, 1], t), section.load, line, 1)
 
 
+def _cryer(scene, soil):
+    section = scene.reference
+    sphere = Cryer(section.load, section.length, soil.lam, soil.mu, soil.diffusivity)
+
+    def displacement(t, X):
+        r = np.linalg.norm(X, axis=1)
+        return X * (sphere.displacement(r, t) / np.where(r > 0, r, 1.0))[:, None]
+
+    def pressure(t, X):
+        return sphere.pressure(np.linalg.norm(X, axis=1), t)
+
+    line = np.zeros((2, scene.dim))
+    line[1, 0] = section.length
+    return ExactFields(displacement, pressure, section.load, line, 0)
+
+
+def _seabed(scene, soil):
+    section = scene.reference
+    surface = section.length if section.surface is None else section.surface
+    bed = Seabed(section.load, section.length, section.frequency, soil.mu)
+
+    def displacement(t, X):
+        return np.column_stack(bed.displacement(X[:, 0], surface - X[:, 1], t))
+
+    line = np.array([[0.0, surface], [0.0, surface - section.length]])
+    return ExactFields(displacement, lambda t, X: bed.pressure(X[:, 0], surface - X[:, 1], t), section.load, line, 1)
+
+
 def _require_load(scene, exact):
     """Raise InputError where the fields at the end are not finite or zero along the profile: errors are relative to them."""
     end = scene.time.end
@@ -175,6 +203,8 @@ SOLUTIONS = {
     "terzaghi": _layer(Terzaghi),
     "mandel": _mandel,
     "strip_footing": _strip_footing,
+    "cryer": _cryer,
+    "seabed": _seabed,
     "xie_leo": _layer(XieLeo),
     "selfweight": _selfweight,
     "drained": _drained,

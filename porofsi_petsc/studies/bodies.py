@@ -68,7 +68,7 @@ def _sector_file(cells, order, dim):
     return path
 
 
-def sector(cells, order, dim):
+def sector(cells, order, dim, radius=RADIUS):
     """Return the mesh of the quarter of a disc or the eighth of a ball around the origin, of as many layers of elements.
 
     Kuhn's subdivision of 0 <= ξ_d <= ... <= ξ_1 <= 1, taken to the corner Σ x_i <= 1, x_i >= 0, whose far side the factor
@@ -84,7 +84,7 @@ def sector(cells, order, dim):
         corner, elements = add_midside_nodes(corner, elements, element.edges)
     nodes = cell_facets(elements, element)[cell, local]
     length = np.linalg.norm(corner, axis=1, keepdims=True)
-    points = RADIUS * corner * np.divide(corner.sum(axis=1, keepdims=True), length, out=np.ones_like(length), where=length > 0)
+    points = radius * corner * np.divide(corner.sum(axis=1, keepdims=True), length, out=np.ones_like(length), where=length > 0)
     facets = {tag: nodes[chosen] for tag, chosen in tags.items()}
     return Mesh(points, elements, element, ("body",), np.zeros(len(elements), dtype=np.int64), facets)
 
