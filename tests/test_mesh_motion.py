@@ -75,11 +75,24 @@ def test_a_motion_that_inverts_an_element_says_where_and_what_to_do(law):
     """The right side is pushed beyond the left one."""
     coupling = mesh_moved_by((-1.2 * t * x, 0 * x), f"mesh_motion.law={law}")
     before = coupling.motion.u.copy()
-    with pytest.raises(ConvergenceError, match=r"inverted.*element at \(.*\) m.*smaller step") as error:
+    with pytest.raises(ConvergenceError, match=r"mesh of the fluid is inverted at t = 1 s, .* \(.*\) m.*smaller step") as error:
         move(coupling, 1.0, step=1.0)
     assert "\n" not in str(error.value) and np.array_equal(coupling.motion.u, before)
     coupling.reset()
     assert move(coupling, 0.5, step=0.5).smallest_ratio == pytest.approx(0.4, rel=1e-10)  # 1 - 1.2/2, increments of 1e-11
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_mesh_that_was_squeezed_before_says_how_and_names_keys_instead_of_a_smaller_step(law):
+    """The side has come to 0.1 of the width, J = 1 - 1.2 t, when it passes the other one; here with increments of 1e-11."""
+    coupling = mesh_moved_by((-1.2 * t * x, 0 * x), f"mesh_motion.law={law}")
+    for end in (0.25, 0.5, 0.75):
+        motion = move(coupling, end, step=0.25)
+    assert motion.squeezed and motion.memory()["trail"] == [[0.5, pytest.approx(0.4)], [0.75, pytest.approx(0.1)]]
+    with pytest.raises(ConvergenceError, match="fell to 0.4 at 0.5 s, 0.1 at 0.75 s; a smaller step does not help") as error:
+        move(coupling, 1.0, step=0.25)
+    assert ('mesh_motion.law = "neo_hookean"' in str(error.value)) == (law in LINEAR)
+    assert "mesh_motion.stiffening than 0 (1 to 2)" in str(error.value)
 
 
 REGULAR = {
