@@ -12,6 +12,7 @@ from .transfer import Skeleton
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any coupling tolerance.
 TOLERANCE, CAP = 1e-11, 40
+HALVINGS = 3  # of a motion of the boundary that inverts an element on the way to the equilibrium
 # Falls of the smallest volume ratio that are remembered, and the ratio below which the mesh itself is what inverts.
 NOTED, SQUEEZED = 0.6, 0.5
 SLOW = 0.1  # contraction of its increments above which a lagged tangent is renewed within a step
@@ -112,7 +113,23 @@ class MeshMotion:
         setup, goal = self._setup, start.copy()
         setup.dirichlet.apply(goal, t)
         goal[setup.carried] = setup.transfer.to_fluid(solid)[setup.carried]
-        u, last, free = start, np.inf, ~setup.mask[: self.mesh.n_owned]
+        return self._reached(goal, start, 0 if setup.law.small_strain else HALVINGS)
+
+    def _reached(self, goal, start, halvings):
+        """Return the displacement with the boundary of the goal; a nonlinear law takes half of the way where all is too much."""
+        try:
+            return self._solved(goal, start)
+        except ConvergenceError:
+            if not halvings:
+                raise
+        self._stale = True
+        middle = self._reached((start + goal) / 2, start, halvings - 1)
+        return self._reached(goal, middle, halvings - 1)
+
+    def _solved(self, goal, start):
+        """Return the equilibrium with the boundary of the goal, from the displacement `start` on; both (n_local, d)."""
+        setup, u = self._setup, start
+        last, free = np.inf, ~setup.mask[: self.mesh.n_owned]
         for _ in range(CAP):
             if self._stale:
                 self._assemble(u)
