@@ -100,7 +100,7 @@ WRONG = {
         r"\[mesh_motion\.law\]: received 'springs', expected one of linear_elastic, harmonic, neo_hookean",
     ),
     "steady with inertia": (
-        ["time.scheme=steady"],
+        ["time.scheme=steady", "model.solid_inertia=true"],
         r"\[time\.scheme\]: received 'steady' with inertia, expected model\.solid_inertia = false and .*",
     ),
     "no viscosity": (
@@ -167,7 +167,7 @@ def test_a_scheme_that_diverges_says_what_to_do(tmp_path):
         run_here(Job(FLAP, str(tmp_path / "run"), given))
     assert "\n" not in str(error.value)
     print(error.value)
-    assert error.value.what.startswith("the sweeps of step 1 do not converge: an element is inverted")
+    assert error.value.what.startswith("the sweeps of step 1 do not converge: an element of the mesh of the fluid is inverted")
     assert str(error.value) == f"{error.value.what}; {error.value.advice}"  # that of the inverted element is replaced
     assert json.loads((tmp_path / "run/summary.json").read_text())["exit_code"] == 3
 

@@ -144,7 +144,7 @@ class Coupling(Table):
 class MeshMotion(Table):
     """How the mesh of a free fluid follows the solid: an elastic law, stiffer on small elements by (V_mean/V)^stiffening."""
 
-    law: Literal["linear_elastic", "harmonic", "neo_hookean"] = "linear_elastic"
+    law: Literal["linear_elastic", "harmonic", "neo_hookean"] = "neo_hookean"
     poisson: Annotated[Number, Field(gt=-1, lt=0.5)] = 0.3
     stiffening: Annotated[Number, Field(ge=0)] = 1.0
 

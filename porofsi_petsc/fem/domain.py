@@ -7,7 +7,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..compiled import plain, specialized
-from ..errors import SMALLER_STEP, ConvergenceError
+from ..errors import ConvergenceError
 from .geometry import Geometry, Rule, SecondDerivatives, element_size, geometry
 
 CHUNK_BYTES = 4_000_000  # element matrices of one chunk: vectors of a residual stay in the second-level cache, calls are few
@@ -117,15 +117,23 @@ class Domain:
         """Return the element sizes in the reference configuration, (E,) [m]."""
         return element_size(self.element, self.mass, self.reference)
 
-    def require(self, admissible, what):
-        """Raise ConvergenceError on all ranks unless the condition, (E, ...) bool, holds in every element (collective)."""
+    def require(self, admissible, failure):
+        """Raise an error on all ranks unless the condition, (E, ...) bool, holds in every element (collective).
+
+        failure : from the place of the first element as text to the ConvergenceError; called on all ranks together
+        """
         if self.mesh.comm.allreduce(bool(admissible.all()), MPI.LAND):
             return
         bad = np.flatnonzero(~admissible.all(axis=tuple(range(1, admissible.ndim))))
         centre = self.mesh.X[self.cells[bad[0]]].mean(axis=0).tolist() if len(bad) else None
         found = next(place for place in self.mesh.comm.allgather(centre) if place)
         where = ", ".join(f"{c:.4g}" for c in found)
-        raise ConvergenceError(f"{what} (element at ({where}) m of the reference)", SMALLER_STEP)
+        raise failure(f"({where}) m of the reference")
+
+    def least_volume_ratio(self, u):
+        """Return the least J of an element under the displacement u (n_local, d), in its mean, 1 at most (collective)."""
+        ratio = geometry(self.mass, self.gather(self.mesh.X + u)).dV.sum(axis=1) / self.reference.dV.sum(axis=1)
+        return self.mesh.comm.allreduce(float(ratio.min(initial=1.0)), MPI.MIN)
 
     def sum_owned(self, cell_values):
         """Return the sum over the elements of all ranks of values (E,)."""
@@ -145,6 +153,11 @@ def _add_loop(A, k):
                         nodal[row, i] += vectors[e, a, i]
 
     return loop
+
+
+def _inverted(place):
+    """Return the error of an element that is inverted at a place of the reference."""
+    return ConvergenceError(f"an element at {place} is inverted", "try a smaller step")
 
 
 @dataclass(frozen=True)
@@ -169,11 +182,14 @@ class Configuration:
         return cls(domain.reference, np.broadcast_to(1.0, domain.reference.dV.shape), second)
 
     @classmethod
-    def at(cls, domain, positions, with_hessian=False):
-        """Return the configuration with nodal positions (n_local, d) [m]; raises ConvergenceError on inverted elements."""
+    def at(cls, domain, positions, with_hessian=False, inverted=_inverted):
+        """Return the configuration with nodal positions (n_local, d) [m].
+
+        Raises the error that `inverted` makes of the place of an inverted element.
+        """
         coordinates = domain.gather(positions)
         current = geometry(domain.mass, coordinates)
-        domain.require(current.dV > 0, "an element is inverted: the deformation is too large for the step")
+        domain.require(current.dV > 0, inverted)
         second = None
         if with_hessian and domain.element.order > 1:
             second = SecondDerivatives.at(domain.element, coordinates, current, domain.reference_slope)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import SMALLER_STEP, ConvergenceError
+from ..errors import ConvergenceError
 from ..fem.domain import Configuration
 from ..fem.geometry import shape_quality
 from ..kernels import solid as kernel
@@ -12,6 +12,9 @@ from .transfer import Skeleton
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any coupling tolerance.
 TOLERANCE, CAP = 1e-11, 40
+HALVINGS = 3  # of a motion of the boundary that inverts an element on the way to the equilibrium
+# Falls of the smallest volume ratio that are remembered, and the ratio below which the mesh itself is what inverts.
+NOTED, SQUEEZED = 0.6, 0.5
 SLOW = 0.1  # contraction of its increments above which a lagged tangent is renewed within a step
 
 
@@ -22,7 +25,7 @@ class MeshMotion:
     The velocity of the mesh is that of the solid's time scheme: on the interface it is v_s to the last digit.
     Arrays (n_local, d), ghosts included: `u`, `v`, `a` of the accepted level, `_u1`, `_v1`, `_a1` of the trial level.
     `smallest_ratio`, `worst_shape`: least volume ratio J and `shape_quality` of an element, in the reference configuration and on
-    all accepted levels.
+    all accepted levels; `trail`: times [s] and least J of the levels on which it fell.
     """
 
     prefix = "mesh_"
@@ -39,7 +42,7 @@ class MeshMotion:
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._reference = Configuration.at(fluid_domain, self.mesh.X, with_hessian)
         self._configuration = self._accepted = self._matrix = self.solver = None
-        self._stale, self.assemblies = True, 0
+        self._stale, self.assemblies, self._t_end, self.trail = True, 0, 0.0, []
         self.smallest_ratio = self.worst_shape = 1.0
         self._watch(self._reference, self.mesh.X)
         volume = self.domain.reference.dV.sum(axis=1)
@@ -50,6 +53,11 @@ class MeshMotion:
     def moves(self):
         """Return whether the mesh moves at all."""
         return self._setup.moving_mesh
+
+    @property
+    def squeezed(self):
+        """Return whether an element has lost so much of its volume that it is the mesh which inverts, not the step."""
+        return bool(self.trail) and self.trail[-1][1] < SQUEEZED
 
     def set_initial(self, displacement, velocity):
         """Set the mesh to displacement and velocity of the solid, both (n_local, d), extended; what is prescribed is at rest."""
@@ -92,7 +100,7 @@ class MeshMotion:
     def _configuration_at(self, u):
         if not self.moves:
             return self._reference
-        return Configuration.at(self._fluid_domain, self.mesh.X + u, self._with_hessian)
+        return Configuration.at(self._fluid_domain, self.mesh.X + u, self._with_hessian, self._inverted)
 
     # -- extension --------------------------------------------------------------------------------------------------------
 
@@ -105,7 +113,23 @@ class MeshMotion:
         setup, goal = self._setup, start.copy()
         setup.dirichlet.apply(goal, t)
         goal[setup.carried] = setup.transfer.to_fluid(solid)[setup.carried]
-        u, last, free = start, np.inf, ~setup.mask[: self.mesh.n_owned]
+        return self._reached(goal, start, 0 if setup.law.small_strain else HALVINGS)
+
+    def _reached(self, goal, start, halvings):
+        """Return the displacement with the boundary of the goal; a nonlinear law takes half of the way where all is too much."""
+        try:
+            return self._solved(goal, start)
+        except ConvergenceError:
+            if not halvings:
+                raise
+        self._stale = True
+        middle = self._reached((start + goal) / 2, start, halvings - 1)
+        return self._reached(goal, middle, halvings - 1)
+
+    def _solved(self, goal, start):
+        """Return the equilibrium with the boundary of the goal, from the displacement `start` on; both (n_local, d)."""
+        setup, u = self._setup, start
+        last, free = np.inf, ~setup.mask[: self.mesh.n_owned]
         for _ in range(CAP):
             if self._stale:
                 self._assemble(u)
@@ -119,7 +143,7 @@ class MeshMotion:
             if size <= TOLERANCE:
                 return u
             self._stale, last = size > SLOW * last, size
-        raise ConvergenceError(f"the motion of the mesh did not converge in {CAP} iterations", SMALLER_STEP)
+        raise self._failure(f"the motion of the mesh of the fluid did not converge in {CAP} iterations at t = {self._t_end:g} s")
 
     def _extended_rate(self, solid):
         """Return the velocity of the mesh for that of the solid (n_local, d), K v = 0 inside with the tangent of `u`."""
@@ -134,7 +158,21 @@ class MeshMotion:
     def _require_upright(self, u):
         """Raise ConvergenceError where the law has no stress any more, J <= 0 (collective)."""
         H = kernel.displacement_gradient(self.domain.reference_stiffness.G, self.domain.gather(u))
-        self.domain.require(det_minus_one(H) > -1, "an element is inverted: the boundary of the mesh moves too far for the step")
+        self.domain.require(det_minus_one(H) > -1, self._inverted)
+
+    def _inverted(self, place):
+        return self._failure(f"an element of the mesh of the fluid is inverted at t = {self._t_end:g} s, element at {place}")
+
+    def _failure(self, what):
+        """Return the error of a mesh that does not follow: how its quality fell, and what helps."""
+        fell = ", ".join(f"{ratio:.2g} at {t:g} s" for t, ratio in self.trail)
+        nonlinear, exponent = not self._setup.law.small_strain, self._setup.stiffening
+        law = "" if nonlinear else 'mesh_motion.law = "neo_hookean", '
+        keys = f"try {law}another mesh_motion.stiffening than {exponent:g} (1 to 2), or another mesh there"
+        if self.squeezed:
+            what = f"{what}; its smallest volume ratio fell to {fell}"
+            return ConvergenceError(what, f"a smaller step does not help where the mesh is squeezed: {keys}")
+        return ConvergenceError(what, f"try a smaller step; if it stops at the same time, {keys}")
 
     def _relative(self, increment, u):
         """Return |increment|/|u|, 0 at rest; both (n_owned, d) or longer (collective)."""
@@ -197,6 +235,8 @@ class MeshMotion:
             worst = min(worst, float(shape_quality(positions[domain.cells[chunk, : domain.dim + 1]]).min()))
         ratios, shapes = zip(*self.mesh.comm.allgather((float(configuration.J.min(initial=1.0)), worst)), strict=True)
         self.smallest_ratio, self.worst_shape = min(self.smallest_ratio, *ratios), min(self.worst_shape, *shapes)
+        if min(ratios) < NOTED * (self.trail[-1][1] if self.trail else 1.0):
+            self.trail = [*self.trail, [self._t_end, min(ratios)]]
 
     def reset(self):
         """Forget the trial state."""
@@ -210,10 +250,11 @@ class MeshMotion:
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
-        return {"smallest_ratio": self.smallest_ratio, "worst_shape": self.worst_shape}
+        return {"smallest_ratio": self.smallest_ratio, "worst_shape": self.worst_shape, "trail": self.trail}
 
     def load_state(self, arrays, memory):
         """Continue from `state` and `memory`."""
         self.smallest_ratio, self.worst_shape = memory["smallest_ratio"], memory["worst_shape"]
+        self.trail = memory.get("trail", [])
         self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
         self.reset()

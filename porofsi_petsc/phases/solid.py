@@ -4,6 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..errors import ConvergenceError
 from ..fem.domain import Configuration
 from ..kernels import exchange, shape
 from ..kernels import solid as kernel
@@ -18,6 +19,8 @@ from .transfer import Skeleton
 # The residual of a body that turns stays at 0.7 to 2.5 times the round-off of what cancels (measured on a slender beam, the beam
 # of the Hron-Turek channel and the ring, both last at 5e-10 and 5e-11 of the largest force).
 TURN = 4
+# Least volume ratio of an accepted state from which on it is the deformation that inverts the next element, not the step.
+STRAINED = 0.5
 
 
 class SolidPhase:
@@ -40,6 +43,7 @@ class SolidPhase:
         self._matrix = self._solver = self._configuration = self._own = self._accepted_configuration = None
         self._reference = Configuration.reference(self.domain, setup.with_hessian)
         self.assemblies, self.robin_coefficient = 0, 0.0  # α of a Robin condition [Pa s/m]
+        self._t_end = 0.0  # of the trial step [s]
 
     @property
     def is_linear(self):
@@ -56,7 +60,7 @@ class SolidPhase:
 
     def begin_step(self, scheme, t):
         """Start a step from the accepted level at time t: predictor, essential values and loads of the new level."""
-        self.scheme = scheme
+        self.scheme, self._t_end = scheme, t + scheme.dt
         t_alpha = t + scheme.alpha_f * scheme.dt
         self._u1 = scheme.predict(self.u, self.v, self.a)
         self._setup.dirichlet.apply(self._u1, t + scheme.dt)
@@ -103,12 +107,28 @@ class SolidPhase:
     def _configuration_at(self, u):
         if not self._setup.moving_mesh:
             return self._reference
-        configuration = Configuration.at(self.domain, self.mesh.X + u, self._setup.with_hessian)
+        configuration = Configuration.at(self.domain, self.mesh.X + u, self._setup.with_hessian, self._inverted)
         admissible = np.ones(configuration.J.shape, dtype=bool)
         for region, span in self.domain.region_slices.items():
             admissible[span] = self._setup.materials[region].open_pores(configuration.J[span])
-        self.domain.require(admissible, "the pores are closed, J <= n_s0: the skeleton is compacted")
+        self.domain.require(admissible, self._compacted)
         return configuration
+
+    def _inverted(self, place):
+        return self._overloaded("an element of the {} is inverted", place)
+
+    def _compacted(self, place):
+        return self._overloaded("the pores of the {} are closed, J <= n_s0", place)
+
+    def _overloaded(self, what, place):
+        """Return the error of an element that is deformed too far; what : with a place for the name of the phase (collective)."""
+        found = what.format("skeleton" if self._setup.porous else "solid") + f" at t = {self._t_end:g} s, element at {place}"
+        before = self.domain.least_volume_ratio(self.u)
+        trail = f"the least volume ratio of an element was {before:.2g} at the end of the last step"
+        modulus = "compare the loads with the moduli in material.solid, or refine the mesh there"
+        if before < STRAINED:
+            return ConvergenceError(f"{found}; {trail}", f"a smaller step will hardly help: {modulus}")
+        return ConvergenceError(f"{found}; {trail}", f"try a smaller step; if it stops at the same time, {modulus}")
 
     @property
     def unknowns(self):
@@ -206,7 +226,7 @@ class SolidPhase:
             if not self._setup.materials[region].elastic.small_strain:
                 H = kernel.displacement_gradient(domain.reference_stiffness.G[chunk], self._u1[domain.cells[chunk]])
                 upright[chunk, 0] = (det_minus_one(H) > -1).all(axis=1)
-        domain.require(upright, "an element of the solid is inverted: the deformation is too large for the step")
+        domain.require(upright, self._inverted)
 
     # -- tangent ----------------------------------------------------------------------------------------------------------
 
