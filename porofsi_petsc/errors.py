@@ -2,8 +2,8 @@
 
 import reprlib
 
+SMALLER_STEP = "try a smaller step"  # advice of a ConvergenceError that a cut of the step follows
 WIDTH = 60  # characters of a received value that a sentence shows
-
 LONGEST_LIST = 240  # characters of what there is to choose from
 
 
@@ -42,8 +42,6 @@ def digits(number):
     """Return a number with six digits where they are all of it, else with all that it has."""
     number = float(number)
     return f"{number:g}" if float(f"{number:g}") == number else repr(number)
-
-SMALLER_STEP = "try a smaller step"  # advice of a ConvergenceError that a cut of the step follows
 
 
 class PorofsiError(Exception):
