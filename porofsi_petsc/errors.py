@@ -1,6 +1,47 @@
-"""Typed errors, each mapped to one exit code of the command line."""
+"""Typed errors, each mapped to one exit code of the command line, and how their sentences show what was received."""
+
+import reprlib
 
 SMALLER_STEP = "try a smaller step"  # advice of a ConvergenceError that a cut of the step follows
+WIDTH = 60  # characters of a received value that a sentence shows
+LONGEST_LIST = 240  # characters of what there is to choose from
+
+
+class _Short(reprlib.Repr):
+    """Values as Python writes them, long ones without their middle, deep ones without their depth."""
+
+    def __init__(self):
+        super().__init__()
+        self.maxlevel, self.maxother, self.maxlong, self.maxstring = 3, WIDTH, WIDTH, WIDTH
+        self.maxlist = self.maxtuple = self.maxdict = 8
+
+    def repr_int(self, x, level):
+        """Return the digits of a whole number, or how many it has where Python refuses to write them."""
+        try:
+            return super().repr_int(x, level)
+        except ValueError:
+            return f"a whole number of about {int(x.bit_length() * 0.30103)} digits"
+
+
+def shown(value):
+    """Return a received value as one short line: text in quotes, true and false as in TOML."""
+    text = str(value).lower() if isinstance(value, bool) else _Short().repr(value)
+    return text if len(text) <= WIDTH + 2 else f"{text[: WIDTH - 1]}…"
+
+
+def listed(names):
+    """Return names with commas between them, only the first ones where all would not fit into a sentence."""
+    text = ", ".join(names)
+    if len(text) <= LONGEST_LIST:
+        return text
+    first = text[:LONGEST_LIST].rpartition(", ")[0]
+    return f"{first or text[:LONGEST_LIST]}, …"
+
+
+def digits(number):
+    """Return a number with six digits where they are all of it, else with all that it has."""
+    number = float(number)
+    return f"{number:g}" if float(f"{number:g}") == number else repr(number)
 
 
 class PorofsiError(Exception):

@@ -1,5 +1,6 @@
 """Generated rectangles and boxes: measures, conformity, grading, tags, adjacency."""
 
+import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 from porofsi_petsc.elements.quadrature import quadrature
 from porofsi_petsc.elements.simplex import FACET
 from porofsi_petsc.errors import InputError
-from porofsi_petsc.mesh import box, node_graph, rectangle, require_regions, require_tags
+from porofsi_petsc.mesh import box, memory, node_graph, rectangle, require_regions, require_tags
 from porofsi_petsc.mesh.check import boundary_tags, require_every_tag
 from porofsi_petsc.mesh.generate import grid_lines
+from porofsi_petsc.mesh.memory import BYTES_PER_GRID_CELL
 from porofsi_petsc.mesh.topology import boundary_facets, cell_facets, facet_multiplicity, locate_facets
 
 
@@ -24,6 +26,7 @@ def part(name, side=None, **intervals):
 
 X = axis([0.0, 10.0, 11.0, 21.0], [5, 2, 5], [0.25, 1.0, 4.0])
 Y = axis([0.0, 10.0], [4], [0.3])
+MANY = axis([0.0, 1.0], [2**31 - 1])
 Z = axis([-1.0, 0.0, 2.0], [2, 2])
 GENERATED = {
     **{f"T{3 * order}-{d}": (rectangle, (X, Y, order, d), 210.0) for order in (1, 2) for d in ("right", "left", "alternating")},
@@ -142,6 +145,49 @@ def test_regions_cover_their_intervals_and_the_rest_is_body():
 def test_wrong_patch_is_refused_in_one_sentence(patches, message):
     with pytest.raises(InputError, match=message):
         rectangle(X, Y, patches=patches)
+
+
+def test_a_limit_that_misses_a_line_by_little_is_shown_with_all_its_digits():
+    with pytest.raises(InputError, match=r"10.0000001 m is not on a mesh line, the nearest is 10 m"):
+        rectangle(X, Y, patches=[part("strip", "top", x=[10.0000001, 11.0])])
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "message"),
+    [
+        (axis([0.0, 1.0], [4], [1e30]), Y, r"\[mesh.x\]: the smallest cell, 1e-30 m, is lost beside coordinates of 1 m"),
+        (axis([1e12, 1e12 + 1], [4]), Y, r"\[mesh.x\]: the smallest cell, 0.25 m, is lost beside coordinates of 1e\+12 m"),
+        (axis([0.0, 1e-200, 1.0], [1, 1]), Y, r"\[mesh.x\]: the smallest cell, 1e-200 m, is lost"),
+        (X, axis([0.0, 1e-12], [1]), r"\[mesh\]: cells of 3.56 m along x and 1e-12 m across are degenerate"),
+        (MANY, MANY, r"\[mesh\]: received 4.61e\+18 grid cells, whose mesh alone takes 2.41e\+12 GiB"),
+        (axis([0.0, 1.0], [9]), MANY, r"\[mesh\]: received 1.93e\+10 grid cells, .* GiB of the .* GiB of this machine"),
+    ],
+)
+def test_what_gives_no_mesh_is_refused_before_it_is_made(x, y, message):
+    with pytest.raises(InputError, match=message):
+        rectangle(x, y)
+
+
+def test_a_box_of_flat_cells_is_refused_and_one_of_long_cells_is_not():
+    with pytest.raises(InputError, match=r"cells of 1 m along x and 1e-13 m across are degenerate"):
+        box(axis([0.0, 1.0], [1]), axis([0.0, 1.0], [1]), axis([0.0, 1e-13], [1]))
+    assert len(box(axis([0.0, 1.0], [1]), axis([0.0, 1e-4], [1]), axis([0.0, 1e-4], [1])).cells) == 6
+
+
+def test_the_memory_that_a_mesh_is_refused_for_is_what_its_making_takes():
+    """The estimate is no more than the peak, so that nothing is refused that could be made, and no less than half of it."""
+    for dim, make, cells in ((2, rectangle, 60), (3, box, 12)):
+        tracemalloc.start()
+        make(*[axis([0.0, 1.0], [cells])] * dim)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert 0.5 * peak < BYTES_PER_GRID_CELL[dim] * cells**dim < 1.05 * peak
+
+
+def test_a_limit_of_the_address_space_counts_as_memory(monkeypatch):
+    monkeypatch.setattr(memory.resource, "getrlimit", lambda kind: (2**20, 2**20))
+    with pytest.raises(InputError, match=r"of the 0.000977 GiB of this machine; take fewer cells"):
+        rectangle(axis([0.0, 1.0], [100]), axis([0.0, 1.0], [100]))
 
 
 def test_overlapping_regions_are_refused():

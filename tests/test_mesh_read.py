@@ -1,7 +1,9 @@
 """Mesh files: Gmsh 2.2 and 4.1 and others, all elements, and one sentence for everything unusable."""
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
+from unittest import mock
 
 import meshio
 import numpy as np
@@ -174,6 +176,42 @@ def test_unreadable_file_says_so_and_prints_nothing(tmp_path, capfd, name, text)
     (tmp_path / name).write_text(text)
     refused(tmp_path / name, 2, "not readable as a mesh")
     assert capfd.readouterr() == ("", "")
+
+
+def test_what_is_no_file_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe.msh")
+    refused(tmp_path / "pipe.msh", 2, "received a device or pipe, expected a mesh file")
+    refused(tmp_path, 2, "received a directory, expected a mesh file")
+    (tmp_path / "a.msh").write_text("x")
+    with mock.patch("os.access", lambda path, mode: False):  # root may read everything
+        refused(tmp_path / "a.msh", 2, "no permission to read")
+
+
+READ = [".msh", ".vtk", ".vtu", ".xdmf", ".med", ".inp", ".mesh", ".vol", ".su2", ".cgns", ".nothing"]
+
+
+@pytest.mark.parametrize("suffix", READ)
+def test_binary_junk_is_refused_in_a_short_line(tmp_path, capfd, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(np.random.default_rng(0).bytes(3000))
+    refused(path, 2, "not readable as a mesh")
+    with pytest.raises(InputError) as caught:
+        read_mesh(path, 2)
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 400
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".wkt", ".tec", ".dat", ".STL"])
+def test_formats_without_boundaries_are_not_read(tmp_path, suffix):
+    """Of broken files of these meshio's readers find no end."""
+    path = tmp_path / f"a{suffix}"
+    path.write_text("ply\nformat ascii 1.0\n")
+    refused(path, 2, "has no named boundaries; give a mesh of cells in named groups")
+
+
+def test_a_file_without_coordinates(tmp_path):
+    (tmp_path / "a.vol").write_text("mesh3d\ndimension\n2\npoints\n0\n")
+    refused(tmp_path / "a.vol", 2, "gives no 2 coordinates for every node|not readable as a mesh")
 
 
 def test_truncated_file(tmp_path):

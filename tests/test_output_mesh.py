@@ -120,6 +120,11 @@ def test_probe_outside_of_the_mesh_is_refused():
         Probes(local_mesh("T3"), [("A", [2.0000001, 1.0])])
 
 
+def test_a_probe_a_little_outside_is_shown_with_all_its_digits():
+    with pytest.raises(InputError, match=r"at = \[2.0000001, 1\] lies outside of the mesh.*\[0, 2\] x \[0, 1\] m"):
+        Probes(local_mesh("T3"), [("A", [2.0000001, 1.0])])
+
+
 def test_no_probes_give_no_values():
     assert Probes(local_mesh("T3"), []).evaluate(np.zeros((15, 2))).shape == (0, 2)
 

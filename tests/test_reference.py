@@ -9,16 +9,18 @@ from porofsi_petsc.simulation import check
 
 pytestmark = pytest.mark.usefixtures("petsc")
 SHORT = ("mesh.y.cells=[4]", "mesh.y.ratios=[1.0]", "time.end=0.2", "time.step=0.1", "time.growth=1.0")
+STRIP = "reference={ solution = 'strip_footing', load = 1.0, length = 1e9, times = [1e-9] }"
 WEIGHTLESS = ("reference={ solution = 'selfweight', length = 10.0 }", "body_force.solid.y='-10*minimum(t, 1)'")
 
 
 @pytest.mark.parametrize(
     "changes, sentence",
     [
-        (("reference.length=1e-200",), r"\[reference\]: .*terzaghi"),
+        (("reference.length=1e-200",), r"\[reference.length\]: received 1e-200, expected 0 or a size"),
         (("reference.length=11.0",), r"\[reference\]: .*leaves the mesh.* length and surface"),
         (("reference.surface=12.0",), r"\[reference\]: .*leaves the mesh.* length and surface"),
         (("reference={ solution = 'drained', load = 1e9, length = 10.0 }",), r"\[reference\]: .*drained"),
+        ((STRIP,), r"\[reference\]: received 'strip_footing', .* too early for its integral"),
         (WEIGHTLESS, r"\[reference\]: .*selfweight.* zero"),
     ],
 )

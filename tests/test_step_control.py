@@ -7,6 +7,9 @@ import pytest
 from mpi4py import MPI
 from running import Job, history, run_here
 
+from porofsi_petsc import load_scene
+from porofsi_petsc.errors import ConvergenceError
+from porofsi_petsc.simulation.loop import Clock, TimeLoop
 from porofsi_petsc.simulation.step_control import StepControl, StepTooLarge
 
 QUICK = ("mesh.y.cells=[12]", "time.growth=1.0", "output.fields_every=1000", "output.checkpoint_every=1000")
@@ -52,6 +55,45 @@ def test_a_jump_is_passed_with_the_smallest_step():
 
 def test_no_step_is_longer_than_the_largest():
     assert sizes(control(1e-3, max_step=0.02), lambda t: np.array([1.0 + t]), 0.01, 1.0)[:, 1].max() == 0.02
+
+
+def test_no_step_is_lost_in_the_digits_of_the_time():
+    """At t = 1e6 s a jump asks for 1e-8 s, which the time cannot count: 1e6 + 1e-8 has the one digit that a double leaves."""
+    clock = Clock(SimpleNamespace(step=0.01, end=2e6))
+    clock.t = 1e6
+    assert clock.smallest_step == 1e-6
+    law = control(1e-3, min_step=1e-8)
+    t, dt, taken = clock.t, 0.01, []
+    while t < clock.t + 0.2:
+        try:
+            value = np.array([1.0 + (t + dt > clock.t + 0.1)])
+            following = law.next_size(dt, {"u": (t + dt, value), "p": (t + dt, value)}, clock.smallest_step)
+        except StepTooLarge as rejected:
+            dt = rejected.size
+            continue
+        taken.append(dt)
+        t, dt = t + dt, following
+    assert min(taken) == pytest.approx(1e-6)
+    assert abs(1e6 + min(taken) - 1e6 - min(taken)) < 1e-3 * min(taken)
+
+
+def test_cuts_end_where_the_time_has_no_digits_left():
+    """Steps that never converge are halved less often than max_cuts allows: at t = 10 s a step has 1e-11 s at least."""
+    scene = load_scene("terzaghi", ("coupling.on_failure='cut_step'", "coupling.max_cuts=30", "expect=[]"))
+    loop = TimeLoop.__new__(TimeLoop)
+    loop._scene, loop.clock = scene, Clock(scene.time)
+    loop.clock.t, loop.clock.nominal, sizes = 10.0, 1e-6, []
+    loop._coupling = SimpleNamespace(reset=lambda: None, tried=("step",))
+
+    def fail(dt, target):
+        sizes.append(dt)
+        raise ConvergenceError("never")
+
+    loop._step = fail
+    with pytest.raises(ConvergenceError, match="never"):
+        loop._advance(10.0 + 1e-6)
+    assert len(sizes) == 17  # 1e-6/2^16 is 1.5e-11, half of it is below
+    assert loop.clock.smallest_step <= min(sizes) < 2 * loop.clock.smallest_step
 
 
 def test_a_tighter_tolerance_gives_a_smaller_error_with_more_steps(tmp_path):

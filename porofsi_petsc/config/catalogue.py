@@ -1,10 +1,11 @@
 """The shipped scenes, in the checkout or in an installed wheel."""
 
+import os
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from .toml import read_toml
-from .types import closest
+from .types import similar
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -27,9 +28,11 @@ def _shipped():
 def find_scene(path):
     """Return the path of a scene file, or of the shipped scene of that name; raise InputError when there is neither."""
     path = Path(path)
-    if path.suffix or len(path.parts) != 1 or path.is_file():
+    if path.suffix or len(path.parts) != 1 or os.path.isfile(path):  # unlike Path.is_file it knows names that are too long
         return path
     shipped = _shipped()
     if path.name not in shipped:
-        raise InputError(f"scene '{path}': neither a file nor a shipped scene; {closest(path.name, list(shipped))}")
+        match = similar(path.name, list(shipped))
+        advice = f"did you mean '{match}'?" if match else "`porofsi list` shows those"
+        raise InputError(f"scene {shown(str(path))}: neither a file nor a shipped scene; {advice}")
     return shipped[path.name]

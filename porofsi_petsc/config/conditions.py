@@ -2,6 +2,7 @@
 
 from pydantic import Field
 
+from ..errors import shown
 from .types import Flag, Formula, Number, Table, Tags, Vector, wrong
 
 VECTORS = ("displacement", "velocity", "traction")
@@ -82,7 +83,7 @@ def _excluded_by(quantity):
 
 
 def check_expressions(section, dim, key, position_only=False):
-    """Refuse components and variables beyond the dimension, and t where only the position is known."""
+    """Refuse components and variables beyond the dimension, and t where only the position is known; tell each its key."""
     for name in type(section).model_fields:
         value = getattr(section, name)
         if isinstance(value, Vector):
@@ -90,7 +91,8 @@ def check_expressions(section, dim, key, position_only=False):
                 raise wrong("received a component in a two-dimensional scene, expected only x and y", f"{key}.{name}.z")
             check_expressions(value, dim, f"{key}.{name}", position_only)
         elif hasattr(value, "names"):
+            value.key = f"{key}.{name}"
             if dim == 2 and "z" in value.names:
-                raise wrong(f"received {value.source!r} in a two-dimensional scene, expected no z", f"{key}.{name}")
+                raise wrong(f"received {shown(value.source)} in a two-dimensional scene, expected no z", f"{key}.{name}")
             if position_only and value.depends_on_time:
-                raise wrong(f"received {value.source!r}, expected a function of position only", f"{key}.{name}")
+                raise wrong(f"received {shown(value.source)}, expected a function of position only", f"{key}.{name}")

@@ -2,11 +2,13 @@
 
 import ast
 import math
+import sys
 
 import numpy as np
 import simpleeval
 
-from ..errors import InputError
+from ..errors import InputError, digits, shown
+from .numbers import LARGEST, RANGE, SMALLEST, in_range
 from .tables import table
 
 MAX_LENGTH = 2000
@@ -25,7 +27,16 @@ def _heaviside(values):
     return np.heaviside(values, 1.0)
 
 
-# name: (function, number of arguments); heaviside(0) = 1, so a load switched on at t = 0 acts at t = 0.
+def _of_numbers(function):
+    """Return the function of numbers, true 1 and false 0; NumPy adds truth values by "or" and takes their sine in 16 bits."""
+
+    def evaluate(*values):
+        return function(*(np.asarray(value, dtype=float) for value in values))
+
+    return evaluate
+
+
+# name: (function of numbers, number of arguments); heaviside(0) = 1, so a load switched on at t = 0 acts at t = 0.
 FUNCTIONS = {
     "sin": (np.sin, 1),
     "cos": (np.cos, 1),
@@ -43,7 +54,7 @@ FUNCTIONS = {
     "maximum": (np.maximum, 2),
     "where": (np.where, 3),
 }
-OPERATORS = {
+ARITHMETIC = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
     ast.Mult: np.multiply,
@@ -52,29 +63,32 @@ OPERATORS = {
     ast.Pow: np.float_power,
     ast.USub: np.negative,
     ast.UAdd: np.positive,
+}
+COMPARISONS = {
     ast.Lt: np.less,
     ast.LtE: np.less_equal,
     ast.Gt: np.greater,
     ast.GtE: np.greater_equal,
     ast.Eq: np.equal,
     ast.NotEq: np.not_equal,
-    ast.BitAnd: np.logical_and,
-    ast.BitOr: np.logical_or,
-    ast.Invert: np.logical_not,
 }
+LOGIC = {ast.BitAnd: np.logical_and, ast.BitOr: np.logical_or, ast.Invert: np.logical_not}
+OPERATORS = {kind: _of_numbers(function) for kind, function in (ARITHMETIC | COMPARISONS).items()} | LOGIC
 HINTS = {
     ast.BitXor: "write ** for a power",
     ast.BoolOp: "write & and | with each comparison in parentheses",
     ast.Not: "write ~( ) for a negation",
     ast.IfExp: "write where(condition, a, b)",
 }
+SYMBOLS = {ast.BitAnd: "&", ast.BitOr: "|", ast.Invert: "~"}
 SYNTAX = (ast.Expr, ast.BinOp, ast.UnaryOp, ast.Compare, ast.Call, ast.Name, ast.Constant, ast.Load, *OPERATORS)
 
 
 class Expression:
     """A scalar function of time and position.
 
-    value : a number, a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of `FUNCTIONS`, comparisons, & | ~),
+    value : a number, a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of `FUNCTIONS`, comparisons, which
+        count as 1 and 0 where a number is wanted, and & | ~ between comparisons),
         or {"table": "load.csv", "column": "force"}: linear between the rows, constant beyond the ends; the first column is t, the
         column defaults to the second.
     folder : where a relative table path starts.
@@ -83,7 +97,7 @@ class Expression:
     """
 
     def __init__(self, value, folder=None):
-        self.names, self.content = frozenset(), None
+        self.names, self.content, self.key = frozenset(), None, None
         if isinstance(value, dict):
             self.source, self.content, self._evaluate = table(value, folder)
             self.names = frozenset("t")
@@ -91,12 +105,18 @@ class Expression:
             self.source = value
             self.names, self._evaluate = _formula(value)
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
-            self.source = float(value)
+            self.source = self._number(value)
             self._evaluate = lambda t, x: np.float64(self.source)
         else:
-            raise InputError(f'received {value!r}, expected a number, a formula in quotes or {{ table = "file.csv" }}')
+            raise InputError(f'received {shown(value)}, expected a number, a formula in quotes or {{ table = "file.csv" }}')
         if self.is_constant:
-            self(0.0, np.zeros((1, 3)))
+            self._number(float(self(0.0, np.zeros((1, 3)))[0]))
+
+    @staticmethod
+    def _number(value):
+        if not in_range(value):  # before float, which overflows for a whole number of 309 digits; so is NaN
+            raise InputError(f"received {shown(value)}, expected a finite number, 0 or {RANGE}")
+        return float(value)
 
     @property
     def is_constant(self):
@@ -109,15 +129,23 @@ class Expression:
         return "t" in self.names
 
     def __call__(self, t, x):
-        """Return the values, (n,), at time t [s] and the points x, (n, d) [m]; raise InputError where one is not finite."""
+        """Return the values, (n,), at time t [s] and points x, (n, d) [m]; raise InputError where one is not finite or huge."""
         values = np.empty(len(x))
         values[:] = self._evaluate(t, x)
-        finite = np.isfinite(values)
-        if not finite.all():
-            first = int(np.argmin(finite))
-            where = "" if self.is_constant else f" at t = {t:g} s, point ({', '.join(f'{c:g}' for c in x[first])})"
-            raise InputError(f"expression {self.source!r}: received {values[first]}{where}, expected a finite number")
+        usable = np.abs(values) <= LARGEST  # NaN is not
+        if not usable.all():
+            first = int(np.argmin(usable))
+            where = "" if self.is_constant else f" at t = {digits(t)} s, point ({', '.join(map(digits, x[first]))})"
+            received = f"{self.place}expression {shown(self.source)}: received {values[first]:g}{where}"
+            raise InputError(f"{received}, expected a finite number of at most {LARGEST:g}")
+        if not self.is_constant:  # else refused where it is made
+            values[np.abs(values) < SMALLEST] = 0.0  # the norm of such a load vanishes, which is not zero
         return values
+
+    @property
+    def place(self):
+        """Return the key of the scene that holds the expression, to begin a sentence with; empty where it is not known."""
+        return f"[{self.key}]: " if self.key else ""
 
     def __eq__(self, other):
         return isinstance(other, Expression) and self.source == other.source
@@ -133,7 +161,7 @@ def _formula(text):
     """Return the variables of the formula and a function of (t, x) that evaluates its parsed tree."""
     tree = _parse(text)
     names = _check(tree, text)
-    evaluator = simpleeval.SimpleEval(operators=OPERATORS, functions={name: f for name, (f, _) in FUNCTIONS.items()})
+    evaluator = simpleeval.SimpleEval(operators=OPERATORS, functions={name: _of_numbers(f) for name, (f, _) in FUNCTIONS.items()})
     evaluator.nodes[ast.Constant] = lambda node: np.float64(node.value)
 
     def evaluate(t, x):
@@ -142,11 +170,9 @@ def _formula(text):
             with np.errstate(all="ignore"):
                 return evaluator.eval(text, previously_parsed=tree)
         except (simpleeval.InvalidExpression, TypeError, ValueError, RecursionError) as error:
-            raise InputError(f"expression {text!r} cannot be evaluated: {error}") from None
+            raise InputError(f"expression {shown(text)} cannot be evaluated: {error}") from None
 
-    trial = np.asarray(evaluate(0.0, np.full((1, 3), 0.5)))
-    if trial.dtype.kind != "f":
-        raise InputError(f"expression {text!r}: received a true/false value, expected a number; write where(condition, 1, 0)")
+    evaluate(0.0, np.full((1, 3), 0.5))
     return names, evaluate
 
 
@@ -156,11 +182,11 @@ def _parse(text):
     try:
         body = ast.parse(text.strip()).body
     except SyntaxError as error:
-        raise InputError(f"expression {text!r} is not a formula: {error.msg} at character {error.offset}") from None
+        raise InputError(f"expression {shown(text)} is not a formula: {error.msg} at character {error.offset}") from None
     except (ValueError, RecursionError, MemoryError):
-        raise InputError(f"expression {text[:40]!r} is not a formula: too deeply nested or with null characters") from None
+        raise InputError(f"expression {shown(text)} is not a formula: too deeply nested or with null characters") from None
     if len(body) != 1:
-        raise InputError(f"expression {text!r}: received {len(body)} formulas, expected one")
+        raise InputError(f"expression {shown(text)}: received {len(body)} formulas, expected one")
     return body[0]
 
 
@@ -168,30 +194,56 @@ def _check(tree, text):
     """Return the variables used; refuse what is no arithmetic on arrays before anything is evaluated."""
     nodes = list(ast.walk(tree))
     if len(nodes) > MAX_NODES:
-        raise InputError(f"expression {text[:40]!r}… has {len(nodes)} terms, expected at most {MAX_NODES}; use a table")
+        raise InputError(f"expression {shown(text)} has {len(nodes)} terms, expected at most {MAX_NODES}; use a table")
     called = set()
     for node in nodes:
         if not isinstance(node, SYNTAX):
             hint = HINTS.get(type(node), "use + - * / % **, comparisons, & | ~ and functions")
-            raise InputError(f"expression {text!r}: {type(node).__name__} is not allowed; {hint}")
-        if isinstance(node, ast.Constant) and type(node.value) not in (int, float):
-            raise InputError(f"expression {text!r}: received {node.value!r}, expected a number")
+            raise InputError(f"expression {shown(text)}: {type(node).__name__} is not allowed; {hint}")
+        if isinstance(node, ast.Constant):
+            _check_constant(node, text)
         if isinstance(node, ast.Compare) and len(node.ops) > 1:
-            raise InputError(f"expression {text!r}: a chain of comparisons is not allowed; write (a < b) & (b < c)")
+            raise InputError(f"expression {shown(text)}: a chain of comparisons is not allowed; write (a < b) & (b < c)")
         if isinstance(node, ast.Call):
             called.add(_check_call(node, text))
+        _check_logic(node, text)
+    if _is_truth(tree.value):
+        received = "received a true/false value, expected a number"
+        raise InputError(f"expression {shown(text)}: {received}; write where(condition, 1, 0)")
     used = {node.id for node in nodes if isinstance(node, ast.Name) and node not in called}
     unknown = sorted(used - set(VARIABLES) - set(CONSTANTS))
     if unknown:
-        raise InputError(f"expression {text!r}: unknown name '{unknown[0]}'; choose from {', '.join([*VARIABLES, *CONSTANTS])}")
+        choices = ", ".join([*VARIABLES, *CONSTANTS])
+        raise InputError(f"expression {shown(text)}: unknown name {shown(unknown[0])}; choose from {choices}")
     return frozenset(used & set(VARIABLES))
+
+
+def _check_constant(node, text):
+    if type(node.value) not in (int, float):
+        raise InputError(f"expression {shown(text)}: received {shown(node.value)}, expected a number")
+    if node.value > sys.float_info.max:  # an integer of 309 digits has no double, 1e309 is infinite already
+        raise InputError(f"expression {shown(text)}: received {shown(node.value)}, expected at most {sys.float_info.max:.1e}")
+
+
+def _check_logic(node, text):
+    """Raise InputError where & | ~ stand beside a number: they bind closer than < and >, so that t > 1 & x is t > (1 & x)."""
+    operator = type(getattr(node, "op", None))
+    operands = {ast.BinOp: ("left", "right"), ast.UnaryOp: ("operand",)}.get(type(node), ())
+    if operator in LOGIC and not all(_is_truth(getattr(node, name)) for name in operands):
+        advice = "write comparisons in parentheses beside it, such as (a < b) & (b < c)"
+        raise InputError(f"expression {shown(text)}: received a number beside {SYMBOLS[operator]}; {advice}")
+
+
+def _is_truth(node):
+    """Return whether a part of a formula is true or false, not a number."""
+    return isinstance(node, ast.Compare) or type(getattr(node, "op", None)) in LOGIC
 
 
 def _check_call(node, text):
     name = getattr(node.func, "id", None)
     if name not in FUNCTIONS:
-        raise InputError(f"expression {text!r}: unknown function '{name}'; choose from {', '.join(FUNCTIONS)}")
+        raise InputError(f"expression {shown(text)}: unknown function {shown(name)}; choose from {', '.join(FUNCTIONS)}")
     arity = FUNCTIONS[name][1]
     if node.keywords or len(node.args) != arity:
-        raise InputError(f"expression {text!r}: {name} received {len(node.args)} arguments, expected {arity}")
+        raise InputError(f"expression {shown(text)}: {name} received {len(node.args)} arguments, expected {arity}")
     return node.func

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
+from ..errors import shown
 from .types import Count, Interval, Name, Number, Positive, Table, Text, list_of, wrong
 
 SIDES = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
@@ -21,7 +22,7 @@ class Axis(Table):
     def _fit_together(self):
         segments = len(self.points) - 1
         if any(b <= a for a, b in zip(self.points, self.points[1:], strict=False)):
-            raise wrong(f"received {list(self.points)}, expected increasing numbers", "points")
+            raise wrong(f"received {shown(list(self.points))}, expected increasing numbers", "points")
         if len(self.cells) != segments:
             raise wrong(f"received {len(self.cells)} entries, expected {segments}, one per segment of points", "cells")
         ratios = self.ratios or (1.0,) * segments
@@ -76,7 +77,7 @@ class Generated(Table):
         if part.name in taken:
             raise wrong(f"received '{part.name}' again, expected a name of its own", f"{key}.name")
         if getattr(part, "side", "top") not in SIDES[self.dim]:
-            raise wrong(f"received '{part.side}', expected one of {', '.join(SIDES[self.dim])}", f"{key}.side")
+            raise wrong(f"received {shown(part.side)}, expected one of {', '.join(SIDES[self.dim])}", f"{key}.side")
         for axis in "xyz":
             interval = getattr(part, axis)
             if interval is None:
@@ -117,14 +118,17 @@ class Box(Generated):
 
 
 def _from_scene(path, info: ValidationInfo):
-    return str(Path((info.context or {}).get("folder", "."), path).resolve())
+    try:
+        return str(Path((info.context or {}).get("folder", "."), path).resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # a null character, links in a circle
+        raise wrong(f"received {shown(path)}, expected the name of a file ({error})") from None
 
 
 class MeshFile(Table):
     """A mesh file with named boundaries; a relative path starts at the scene's folder."""
 
     kind: Literal["file"]
-    path: Annotated[Text, Field(min_length=1), AfterValidator(_from_scene)]
+    path: Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
     dim: Literal[2, 3]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import tomli_w
 from pydantic import ValidationError
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from .catalogue import find_scene
 from .messages import sentences
 from .overrides import apply_override, parse_override
@@ -42,7 +42,7 @@ def _short(path):
 def _smoke_changes(path, tables):
     smoke = tables.get("smoke", {})
     if not isinstance(smoke, dict):
-        raise InputError(f"{path} [smoke]: received {smoke!r}, expected a table")
+        raise InputError(f"{path} [smoke]: received {shown(smoke)}, expected a table")
     if not smoke:
         raise InputError(f"{path} [smoke]: received nothing, expected the changes that make a short run")
     return smoke.items()

@@ -8,6 +8,7 @@ from .types import Number, Positive, Table, Tags, wrong
 
 EXPONENT_LAWS = ("markert", "ehlers_eipper")
 PORE_LAWS = ("xie_leo", "ehlers_eipper")
+THINNEST = 1e-6  # smallest porosity: n_f = 1 - n_s has ten digits left
 
 
 class Solid(Table):
@@ -50,7 +51,7 @@ class Permeability(Table):
     law: Literal["constant", "markert", "ehlers_eipper", "kozeny_carman", "xie_leo"]
     k: Positive | None = None
     intrinsic: Positive | None = None
-    exponent: Positive | None = None
+    exponent: Annotated[Positive, Field(le=100)] | None = None
 
     @model_validator(mode="after")
     def _complete(self):
@@ -67,7 +68,7 @@ class Material(Table):
     """A saturated porous material of solid, fluid, initial porosity n_f and permeability; or a solid alone, or a fluid alone."""
 
     region: Tags
-    porosity: Annotated[Number, Field(gt=0, lt=1)] | None = None
+    porosity: Annotated[Number, Field(ge=THINNEST, lt=1)] | None = None
     solid: Solid | None = None
     fluid: Fluid | None = None
     permeability: Permeability | None = None

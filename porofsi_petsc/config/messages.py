@@ -1,5 +1,7 @@
 """Turn the schema library's errors into sentences: file, key, received, expected."""
 
+from ..errors import WIDTH, shown
+
 MAX_SENTENCES = 10
 EXPECTED = {
     "float_type": "a number",
@@ -7,16 +9,18 @@ EXPECTED = {
     "bool_type": "true or false",
     "string_type": "text in quotes",
     "string_too_short": "text that is not empty",
+    "string_too_long": "text of at most {max_length} characters",
+    "string_unicode": "text in UTF-8",
     "string_pattern_mismatch": "a name of letters, digits, _ and -, that starts with a letter or _",
     "finite_number": "a finite number",
     "tuple_type": "a list",
     "dict_type": "a table",
     "model_type": "a table",
     "model_attributes_type": "a table",
-    "greater_than": "a number > {gt:g}",
-    "greater_than_equal": "a number >= {ge:g}",
-    "less_than": "a number < {lt:g}",
-    "less_than_equal": "a number <= {le:g}",
+    "greater_than": "a number > {gt:.10g}",
+    "greater_than_equal": "a number >= {ge:.10g}",
+    "less_than": "a number < {lt:.10g}",
+    "less_than_equal": "a number <= {le:.10g}",
 }
 
 
@@ -42,7 +46,7 @@ def _key(entry, tables):
     context = entry.get("ctx", {})
     if entry["type"].startswith("union_tag"):
         parts.append(context["discriminator"].strip("'"))
-    return ".".join([*parts, *filter(None, [context.get("key")])])
+    return ".".join([*parts, *map(_part, filter(None, [context.get("key")]))])
 
 
 def _real_parts(location, data, keep_last):
@@ -54,8 +58,14 @@ def _real_parts(location, data, keep_last):
             data = data[part]
         elif not (keep_last and i == len(location) - 1):
             continue
-        parts.append(str(part))
+        parts.append(_part(part))
     return parts
+
+
+def _part(key):
+    """Return a part of a dotted key as it is written, or in quotes where it would not fit into a line."""
+    text = str(key)
+    return text if text.isprintable() and len(text) <= WIDTH else shown(text)
 
 
 def _text(entry):
@@ -65,8 +75,10 @@ def _text(entry):
     if kind in ("missing", "union_tag_not_found"):
         return "received nothing, expected this key, which has no default"
     if kind == "union_tag_invalid":
-        return f"received '{context['tag']}', expected one of {context['expected_tags'].replace(chr(39), '')}"
-    return f"received {_shown(entry['input'])}, expected {_expected(kind, context, entry['msg'])}"
+        return f"received {shown(context['tag'])}, expected one of {context['expected_tags'].replace(chr(39), '')}"
+    value = entry["input"]
+    value = list(value) if isinstance(value, tuple) else value
+    return f"received {shown(value)}, expected {_expected(kind, context, entry['msg'])}"
 
 
 def _expected(kind, context, message):
@@ -74,9 +86,3 @@ def _expected(kind, context, message):
         choices = context["expected"].replace("'", "").replace(" or ", ", ")
         return f"one of {choices}"
     return EXPECTED[kind].format(**context) if kind in EXPECTED else message
-
-
-def _shown(value):
-    value = list(value) if isinstance(value, tuple) else value
-    text = str(value).lower() if isinstance(value, bool) else repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

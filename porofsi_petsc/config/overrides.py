@@ -2,16 +2,30 @@
 
 import copy
 
-from ..errors import InputError
-from .toml import tomllib
+from ..errors import InputError, shown
+from .toml import DEEPEST, require_plain, tomllib
+
+LONGEST_INDEX = 9  # digits
 
 
 def parse_override(text):
     """Return the dotted key and the TOML value of KEY=VALUE; a bare word is a string; raise InputError without '='."""
     key, separator, value = text.partition("=")
     if not separator or not key.strip():
-        raise InputError(f"override '{text}': expected KEY=VALUE such as time.end=0.1")
-    return key.strip(), _parse_value(value.strip())
+        raise InputError(f"override {shown(text)}: expected KEY=VALUE such as time.end=0.1")
+    if not _is_utf8(text):
+        raise InputError(f"override {shown(text)}: received bytes that are not UTF-8, expected text in UTF-8")
+    parsed = _parse_value(value.strip())
+    require_plain(parsed, f"override {shown(text)}")
+    return key.strip(), parsed
+
+
+def _is_utf8(text):
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _parse_value(text):
@@ -26,6 +40,8 @@ def apply_override(tables, key, value):
     """Return a copy of the tables with the value at the dotted key; tables on the way are made, list entries must exist."""
     tables = copy.deepcopy(tables)
     target, *parts = tables, *key.split(".")
+    if len(parts) > DEEPEST:
+        raise InputError(f"override {shown(key)}: received a key of {len(parts)} parts, expected one of docs/scene.md")
     for done, part in enumerate(parts[:-1]):
         target = _step(target, part, key, parts[:done])
     _assign(target, parts[-1], value, key, parts[:-1])
@@ -37,7 +53,7 @@ def _step(target, part, key, above):
         return target[_index(target, part, key, above)]
     if isinstance(target, dict):
         return target.setdefault(part, {})
-    raise InputError(f"override '{key}': {'.'.join(above)} is a single value, not a table or list")
+    raise _single(key, above)
 
 
 def _assign(target, part, value, key, above):
@@ -46,11 +62,16 @@ def _assign(target, part, value, key, above):
     elif isinstance(target, dict):
         target[part] = value
     else:
-        raise InputError(f"override '{key}': {'.'.join(above)} is a single value, not a table or list")
+        raise _single(key, above)
+
+
+def _single(key, above):
+    return InputError(f"override {shown(key)}: {'.'.join(above)} is a single value, not a table or list")
 
 
 def _index(target, part, key, above):
-    if not part.isdecimal() or int(part) >= len(target):
-        where = ".".join(above)
-        raise InputError(f"override '{key}': received '{part}' below the list {where}, expected an index below {len(target)}")
+    decimal = part.isascii() and part.isdecimal() and len(part) <= LONGEST_INDEX
+    if not decimal or int(part) >= len(target):
+        received = f"received {shown(part)} below the list {'.'.join(above)}"
+        raise InputError(f"override {shown(key)}: {received}, expected an index below {len(target)}")
     return int(part)

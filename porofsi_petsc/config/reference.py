@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ..errors import digits, shown
 from .types import Number, Positive, Table, list_of, wrong
 
 Solution = Literal[
@@ -40,7 +41,7 @@ class Reference(Table):
         self._check("load", self.solution != "selfweight")
         self._check("frequency", self.solution in HARMONIC)
         if list(self.times) != sorted(set(self.times)):
-            raise wrong(f"received {list(self.times)}, expected increasing numbers", "times")
+            raise wrong(f"received {shown(list(self.times))}, expected increasing numbers", "times")
         return self
 
     def _check(self, key, needed):
@@ -48,4 +49,4 @@ class Reference(Table):
         if needed and value is None:
             raise wrong(f"received nothing, expected a positive number, which '{self.solution}' needs", key)
         if value is not None and not needed:
-            raise wrong(f"received {value:g}, expected nothing: '{self.solution}' has none", key)
+            raise wrong(f"received {digits(value)}, expected nothing: '{self.solution}' has none", key)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
+from ..errors import digits, shown
 from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_expressions
 from .geometry import MeshSection
 from .material import Material, check_materials
@@ -31,7 +32,7 @@ from .types import Table, Text, closest, list_of, wrong
 
 def _toml(value):
     """Return a switch of [model] as it is written in a scene."""
-    return f"'{value}'" if isinstance(value, str) else str(value).lower()
+    return shown(value)
 
 
 class Scene(Table):
@@ -224,7 +225,9 @@ class Scene(Table):
 
     def _check_mass_scaling(self):
         if self.coupling.mass_scaling is not None and self.model.solid_inertia is not True:
-            received = f"received {self.coupling.mass_scaling!r} with model.solid_inertia = {_toml(self.model.solid_inertia)}"
+            received = (
+                f"received {shown(self.coupling.mass_scaling)} with model.solid_inertia = {_toml(self.model.solid_inertia)}"
+            )
             raise wrong(f"{received}, expected a skeleton with a mass to scale; leave it out", "coupling.mass_scaling")
 
     def _check_probes(self):
@@ -268,14 +271,16 @@ class Scene(Table):
             recorded += ["error.p"] if self.reference.solution == "strip_footing" else ["error.u", "error.p"]
         for i, expect in enumerate(self.expect):
             if expect.quantity not in recorded:
-                text = f"received '{expect.quantity}', which no [[probe]] records; {closest(expect.quantity, recorded)}"
+                text = f"received {shown(expect.quantity)}, which no [[probe]] records; {closest(expect.quantity, recorded)}"
                 raise wrong(text, f"expect.{i}.quantity")
             if expect.quantity.startswith("error.") and expect.at is not None and expect.at not in self.reference.times:
-                raise wrong(f"received {expect.at:g}, expected one of reference.times, when errors are taken", f"expect.{i}.at")
+                raise wrong(
+                    f"received {digits(expect.at)}, expected one of reference.times, when errors are taken", f"expect.{i}.at"
+                )
             if expect.statistic in PERIODIC:
                 self._check_periodic(expect, f"expect.{i}.statistic")
         if self.output.period_of is not None and self.output.period_of not in recorded:
-            received = f"received '{self.output.period_of}', which is not recorded"
+            received = f"received {shown(self.output.period_of)}, which is not recorded"
             raise wrong(f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of")
         self._check_paths(recorded)
 

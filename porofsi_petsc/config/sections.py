@@ -4,8 +4,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict, model_validator
 
+from ..errors import digits, shown
+from .steps import MOST_STEPS, RESOLUTION, number_of_steps
 from .types import Coefficient, Count, Flag, Limit, Name, Number, Positive, Scaling, Switch, Table, Tags, Text, list_of, wrong
 
+FINEST_ERROR = 1e-12  # a local error below is that of rounding, a few 1e-16 of u and p, which no step makes smaller
 QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
 
 
@@ -79,30 +82,45 @@ class Time(Table):
     step: Positive
     rho_inf: Annotated[Number, Field(ge=0, le=1)] = 0.5
     scheme: Literal["generalized_alpha", "backward_euler", "steady"] = "generalized_alpha"
-    growth: Annotated[Number, Field(ge=1)] = 1.0
+    growth: Annotated[Number, Field(ge=1, le=100)] = 1.0
     max_step: Positive | None = None
     consistent_start: Flag = False
-    error_tolerance: Annotated[Positive, Field(lt=1)] | None = None
+    error_tolerance: Annotated[Number, Field(ge=FINEST_ERROR, lt=1)] | None = None
     min_step: Positive | None = None
 
     @model_validator(mode="after")
     def _controlled(self):
         if self.error_tolerance is not None and self.growth != 1:
-            raise wrong(f"received {self.growth:g} with time.error_tolerance, which chooses the step; leave it out", "growth")
+            raise wrong(
+                f"received {digits(self.growth)} with time.error_tolerance, which chooses the step; leave it out", "growth"
+            )
         if self.error_tolerance is None and self.min_step is not None:
             raise wrong(
-                f"received {self.min_step:g} s without time.error_tolerance, which would need it; leave it out", "min_step"
+                f"received {digits(self.min_step)} s without time.error_tolerance, which would need it; leave it out", "min_step"
             )
         if self.min_step is not None and self.min_step > self.step:
-            raise wrong(f"received {self.min_step:g} s, expected at most time.step = {self.step:g} s", "min_step")
+            raise wrong(f"received {digits(self.min_step)} s, expected at most time.step = {digits(self.step)} s", "min_step")
         return self
 
     @model_validator(mode="after")
     def _ordered(self):
         if self.step > self.end:
-            raise wrong(f"received {self.step:g} s, expected at most time.end = {self.end:g} s", "step")
+            raise wrong(f"received {digits(self.step)} s, expected at most time.end = {digits(self.end)} s", "step")
         if self.max_step is not None and self.max_step < self.step:
-            raise wrong(f"received {self.max_step:g} s, expected at least time.step = {self.step:g} s", "max_step")
+            raise wrong(f"received {digits(self.max_step)} s, expected at least time.step = {digits(self.step)} s", "max_step")
+        return self
+
+    @model_validator(mode="after")
+    def _ends(self):
+        """Refuse steps that would be lost in the digits of the time, or so many that the run does not end."""
+        if self.min_step is not None and self.min_step < RESOLUTION * self.end:
+            text = f"expected at least {RESOLUTION:g} of time.end = {digits(self.end)} s, the round-off of the time"
+            raise wrong(f"received {digits(self.min_step)} s, {text}", "min_step")
+        if self.error_tolerance is None:
+            steps = number_of_steps(self.end, self.step, self.growth, self.max_step)
+            if steps > MOST_STEPS:
+                text = f"which takes {steps:.1e} steps to time.end = {digits(self.end)} s, expected at most {MOST_STEPS:g}"
+                raise wrong(f"received {digits(self.step)} s, {text}", "step")
         return self
 
 
@@ -121,7 +139,7 @@ class Coupling(Table):
     scheme: Literal["partitioned", "quasi_direct", "direct", "weak", "one_way"] = "partitioned"
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["iqn_ils", "aitken", "anderson", "constant", "none", "auto"] = "iqn_ils"
-    reuse_steps: Annotated[int, Strict(), Field(ge=0)] = 4
+    reuse_steps: Annotated[int, Strict(), Field(ge=0, le=1000)] = 4
     interface: Literal["dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "dirichlet_neumann"
     robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
@@ -130,12 +148,12 @@ class Coupling(Table):
     max_iterations: Count = 60
     tangent: Literal["lagged", "newton"] = "lagged"
     on_failure: Literal["fall_back", "cut_step", "stop"] = "fall_back"
-    max_cuts: Count = 4
+    max_cuts: Annotated[Count, Field(le=30)] = 4
 
     @model_validator(mode="after")
     def _scaled_where_plain(self):
         if self.mass_scaling is not None and (self.split, self.scheme) != ("plain", "partitioned"):
-            received = f"received {self.mass_scaling!r} with split = '{self.split}', scheme = '{self.scheme}'"
+            received = f"received {shown(self.mass_scaling)} with split = '{self.split}', scheme = '{self.scheme}'"
             text = "expected split = 'plain', scheme = 'partitioned': other tangents have their own corrections; leave it out"
             raise wrong(f"{received}, {text}", "mass_scaling")
         return self
@@ -146,7 +164,7 @@ class MeshMotion(Table):
 
     law: Literal["linear_elastic", "harmonic", "neo_hookean"] = "neo_hookean"
     poisson: Annotated[Number, Field(gt=-1, lt=0.5)] = 0.3
-    stiffening: Annotated[Number, Field(ge=0)] = 1.0
+    stiffening: Annotated[Number, Field(ge=0, le=10)] = 1.0
 
 
 class Petsc(Table):
@@ -232,7 +250,7 @@ class Expect(Table):
         if (self.at is None) == (self.statistic is None):
             raise wrong("expected exactly one of at = TIME and statistic = NAME, both are in docs/scene.md")
         if self.since is not None and (self.at is None or self.since >= self.at):
-            raise wrong(f"received {self.since:g}, expected a time before at = TIME", "since")
+            raise wrong(f"received {digits(self.since)}, expected a time before at = TIME", "since")
         if self.value == 0 and self.scale is None:
             raise wrong("received nothing, expected a positive number, because the value 0 has no relative tolerance", "scale")
         return self

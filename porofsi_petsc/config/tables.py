@@ -2,42 +2,84 @@
 
 import csv
 import hashlib
+import io
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, listed, shown
+from .numbers import LARGEST, RANGE, in_range
+from .text import read_text
 
 
 def table(value, folder):
     """Return the resolved source of a {table, column} entry, a hash of its times and values, and the interpolating function."""
     unknown = sorted(set(value) - {"table", "column"})
     if unknown or not all(isinstance(entry, str) for entry in value.values()) or "table" not in value:
-        raise InputError(f'received {value!r}, expected {{ table = "file.csv", column = "name" }}')
-    path = Path(folder or ".", value["table"]).resolve()
+        raise InputError(f'received {shown(value)}, expected {{ table = "file.csv", column = "name" }}')
+    path = _resolved(folder, value["table"])
     times, values = _read_table(path, value.get("column"))
     content = hashlib.sha256(np.stack([times, values]).astype("<f8").tobytes()).hexdigest()[:16]
     return dict(value, table=str(path)), content, lambda t, x: np.interp(t, times, values)
 
 
+def _resolved(folder, name):
+    try:
+        return Path(folder or ".", name).resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # a null character, links in a circle
+        raise InputError(f"table {shown(name)} cannot be read: {error}") from None
+
+
 def _read_table(path, column):
     """Return the first column (strictly increasing times [s]) and the wanted one of a CSV file, with or without a header."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file, skipinitialspace=True) if row and not row[0].startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"table {path} cannot be read: {getattr(error, 'strerror', None) or 'not a text file'}") from None
-    header = rows.pop(0) if rows and not _is_number(rows[0][0]) else []
+    rows = _rows(path)
+    header = rows.pop(0)[1] if rows and not _is_number(rows[0][1][0]) else []
+    _require_columns(rows, header, column, path)
     index = _column(header, column, path)
-    try:
-        times, values = np.array([(float(row[0]), float(row[index])) for row in rows]).reshape(-1, 2).T
-    except (ValueError, IndexError) as error:
-        raise InputError(f"table {path}: expected numbers in column {index + 1} of every row ({error})") from None
-    if not len(times) or not np.isfinite([times, values]).all() or (np.diff(times) <= 0).any():
-        raise InputError(
-            f"table {path}: expected at least one row, finite numbers and strictly increasing times in the first column"
-        )
+    times, values = np.array([_pair(number, row, index, path) for number, row in rows]).reshape(-1, 2).T
+    if not len(times) or (np.diff(times) <= 0).any():
+        raise InputError(f"table {path}: expected at least one row and strictly increasing times in the first column")
+    if not in_range(peak := np.abs(values).max()):
+        raise InputError(f"table {path}: the largest value is {peak:g}, expected 0 or {RANGE}")
     return times, values
+
+
+def _rows(path):
+    """Return (line, cells) of every row that is neither empty nor a comment."""
+    text = read_text(path, "table", "numbers in columns", "a relative path starts at the scene's folder")
+    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
+    try:
+        rows = [(reader.line_num, row) for row in reader if row and not row[0].startswith("#")]
+    except csv.Error as error:
+        raise InputError(f"table {path}: line {reader.line_num} is no row of a CSV file ({error})") from None
+    for number, row in rows:
+        for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+            if any(mark in cell for cell in row):
+                text = f"line {number} has {name}, expected commas between columns and points in numbers"
+                raise InputError(f"table {path}: {text}; export the table again so")
+    return rows
+
+
+def _require_columns(rows, header, column, path):
+    """Raise InputError unless every row is as long as the header, or as the first row, and the wanted column is clear."""
+    width = len(header) if header else len(rows[0][1]) if rows else 0
+    for number, row in rows:
+        if len(row) != width:
+            advice = "a number has a decimal point, no comma"
+            raise InputError(f"table {path}: line {number} has {len(row)} columns, expected {width} as in the first; {advice}")
+    if width > 2 and not header and column is None:
+        text = f"received {width} columns without a header, expected time and value (with decimal points, not commas)"
+        raise InputError(f"table {path}: {text}, or a header and column = NAME")
+
+
+def _pair(number, row, index, path):
+    """Return the time and the value of a row."""
+    for i in (0, index):
+        cell = row[i] if i < len(row) else ""
+        if not _is_number(cell) or not abs(float(cell)) <= LARGEST:
+            text = f"received {shown(cell)}, expected a number of at most {LARGEST:g}"
+            raise InputError(f"table {path}: line {number}, column {i + 1}: {text}")
+    return float(row[0]), float(row[index])
 
 
 def _column(header, column, path):
@@ -45,8 +87,9 @@ def _column(header, column, path):
         return 1
     names = [name.strip() for name in header]
     if column not in names[1:]:
-        raise InputError(f"table {path}: no column '{column}'; choose from {', '.join(names[1:]) or 'none, it has no header'}")
-    return names.index(column)
+        choices = f"choose from {listed(names[1:])}" if names[1:] else "it has no header"
+        raise InputError(f"table {path}: no column {shown(column)}; {choices}")
+    return names.index(column, 1)
 
 
 def _is_number(text):

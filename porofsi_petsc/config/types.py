@@ -17,8 +17,12 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from ..errors import InputError
+from ..errors import InputError, listed, shown
 from .expressions import Expression
+from .numbers import RANGE, in_range
+
+MOST = 2**31 - 1  # of what is counted: the integers of PETSc's usual builds
+LONGEST_NAME = 100
 
 
 def wrong(text, key=""):
@@ -26,10 +30,17 @@ def wrong(text, key=""):
     return PydanticCustomError("wrong", "{text}", {"text": text, "key": key})
 
 
-def closest(word, known):
-    """Return '; did you mean …' or the full choice, to end a sentence about an unknown word."""
+def similar(word, known):
+    """Return the known word that an unknown one may stand for, None where there is none."""
+    word = word[:LONGEST_NAME]
     match = [name for name in known if word and name.startswith(word)] or difflib.get_close_matches(word, known, n=1)
-    return f"did you mean '{match[0]}'?" if match else f"choose from {', '.join(known)}"
+    return match[0] if match else None
+
+
+def closest(word, known):
+    """Return 'did you mean …?' or the full choice, to end a sentence about an unknown word."""
+    match = similar(word, known)
+    return f"did you mean '{match}'?" if match else f"choose from {listed(known)}"
 
 
 class Table(BaseModel):
@@ -44,7 +55,7 @@ class Table(BaseModel):
             known = [field.alias or name for name, field in cls.model_fields.items()]
             for key in data:
                 if key not in known:
-                    raise wrong(f"unknown key '{key}'; {closest(str(key), known)}", str(key))
+                    raise wrong(f"unknown key {shown(key)}; {closest(str(key), known)}", str(key))
         return data
 
 
@@ -56,10 +67,16 @@ def _one_or_many(value):
     return (value,) if isinstance(value, str) else value
 
 
+def _one_line(text):
+    if not text.isprintable():
+        raise wrong(f"received {shown(text)}, expected a name of characters that can be printed")
+    return text
+
+
 def _distinct(names):
     repeated = [name for i, name in enumerate(names) if name in names[:i]]
     if repeated:
-        raise wrong(f"received '{repeated[0]}' twice, expected distinct names")
+        raise wrong(f"received {shown(repeated[0])} twice, expected distinct names")
     return names
 
 
@@ -76,17 +93,25 @@ def _positive_or(word):
     """Return the check of a positive number or one word."""
 
     def check(value):
-        if value == word or (isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < float("inf")):
-            return value if value == word else float(value)
-        raise wrong(f"received {value!r}, expected a positive number or '{word}'")
+        if value == word:
+            return value
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and value > 0:
+            return float(_in_range(value))
+        raise wrong(f"received {shown(value)}, expected a positive number or '{word}'")
 
     return check
+
+
+def _in_range(value):
+    if not in_range(value):
+        raise wrong(f"received {shown(value)}, expected 0 or {RANGE}")
+    return value
 
 
 def _switch(value):
     if value == "auto" or isinstance(value, bool):
         return value
-    raise wrong(f"received {value!r}, expected true, false or 'auto'")
+    raise wrong(f"received {shown(value)}, expected true, false or 'auto'")
 
 
 def list_of(kind, shortest=0, longest=None):
@@ -101,13 +126,13 @@ def list_of(kind, shortest=0, longest=None):
     return Annotated[tuple[kind, ...], BeforeValidator(_listed), AfterValidator(check_length)]
 
 
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_in_range)]
 Positive = Annotated[Number, Field(gt=0)]
 Flag = Annotated[bool, Strict()]
-Count = Annotated[int, Strict(), Field(ge=1)]
+Count = Annotated[int, Strict(), Field(ge=1, le=MOST)]
 Text = Annotated[str, Strict()]
-Name = Annotated[str, Strict(), Field(pattern=r"^[A-Za-z_][A-Za-z0-9_\-]*$")]
-Tag = Annotated[str, Strict(), Field(min_length=1)]
+Name = Annotated[str, Strict(), Field(pattern=r"^[A-Za-z_][A-Za-z0-9_\-]*$", max_length=LONGEST_NAME)]
+Tag = Annotated[str, Strict(), Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_one_line)]
 Tags = Annotated[list_of(Tag, shortest=1), BeforeValidator(_one_or_many), AfterValidator(_distinct)]
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 Limit = Annotated[Any, PlainValidator(_positive_or("report"))]

@@ -16,6 +16,7 @@ from scipy.special import erf, erfcx, sici
 TALBOT_NODES = 18  # 0.6 of it are the digits of the inversion (Abate & Whitt 2006)
 DECAY = 6.5  # ξ √(c_v t) beyond which e^(-ξ² c_v t) changes no digit
 PANEL_POINTS, PANEL_PHASE = 16, 10.0  # Gauss points over a phase [rad] of cos(ξ x) sin(ξ a): all digits
+MOST_PANELS = 10_000  # c_v t/a² of 1e-8 near the load; more take gigabytes
 
 BLOCK = 1000  # points at once, which bounds the memory
 
@@ -77,8 +78,14 @@ def _tail(frequency, start):
 
 
 def _wave_numbers(T, reach):
-    """Return points and weights of ξ a on (0, DECAY/√T), Gauss in panels, for phases up to ξ a · reach."""
-    edges = np.linspace(0, DECAY / np.sqrt(T), int(DECAY / np.sqrt(T) * reach / PANEL_PHASE) + 6)
+    """Return points and weights of ξ a on (0, DECAY/√T), Gauss in panels, for phases up to ξ a · reach.
+
+    Raises ValueError for a time so early that there would be too many.
+    """
+    panels = DECAY / np.sqrt(T) * reach / PANEL_PHASE
+    if not panels < MOST_PANELS:
+        raise ValueError(f"c_v t/length² = {T:.2g} is too early for its integral")
+    edges = np.linspace(0, DECAY / np.sqrt(T), int(panels) + 6)
     points, weights = np.polynomial.legendre.leggauss(PANEL_POINTS)
     half = np.diff(edges)[:, None] / 2
     return (edges[:-1, None] + half * (points + 1)).ravel(), (half * weights).ravel()

@@ -1,10 +1,12 @@
 """Checks of a mesh that came from outside; each raises InputError with one sentence."""
 
+import os
+
 import numpy as np
 
 from ..elements import ELEMENTS
 from ..elements.quadrature import quadrature
-from ..errors import InputError
+from ..errors import InputError, listed
 from .topology import facet_multiplicity, locate_facets
 
 # det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under any graded mesh, over round-off
@@ -30,15 +32,27 @@ def require_regions(mesh, names, where):
 def _require_names(names, available, where, kind):
     for name in names:
         if name not in available:
-            raise InputError(f"{where}: the mesh has no {kind} '{name}'; choose from {', '.join(sorted(available))}")
+            raise InputError(f"{where}: the mesh has no {kind} '{name}'; choose from {listed(sorted(available))}")
 
 
 def require_file(path):
-    """Raise InputError unless the path is a file with content."""
-    if not path.is_file():
+    """Raise InputError unless the path is a file with content that may be read."""
+    if not path.exists():
         raise InputError(f"{path}: no such mesh file; check mesh.path in the scene")
+    if not path.is_file():
+        kind = "a directory" if path.is_dir() else "a device or pipe"
+        raise InputError(f"{path}: received {kind}, expected a mesh file; check mesh.path in the scene")
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the mesh file is empty (0 bytes); write the mesh again")
+    if not os.access(path, os.R_OK):
+        raise InputError(f"{path}: there is no permission to read the mesh file; change its mode")
+
+
+def require_arrays(points, cells, dim, where):
+    """Raise InputError unless points are (N, >= dim) and the cells of every block (E, A), as a file that is whole gives them."""
+    whole = np.ndim(points) == 2 and np.shape(points)[1] >= dim and all(np.ndim(block) == 2 for block in cells)
+    if not whole:
+        raise InputError(f"{where}: the mesh file gives no {dim} coordinates for every node; write the mesh again")
 
 
 def volume_element(blocks, dim, where):

@@ -1,11 +1,14 @@
 """Graded rectangles and boxes with named sides, patches and regions."""
 
 from itertools import permutations, product
+from math import prod
 
 import numpy as np
 
 from ..elements import ELEMENTS
-from ..errors import InputError
+from ..errors import InputError, digits
+from .check import DEGENERATE
+from .memory import require_memory
 from .mesh import Mesh
 from .topology import add_midside_nodes, boundary_facets, cell_facets
 
@@ -16,6 +19,7 @@ SIDES = {
     3: {"left": (0, 0), "right": (0, -1), "front": (1, 0), "back": (1, -1), "bottom": (2, 0), "top": (2, -1)},
 }
 DEFAULT_REGION = "body"
+FINEST = 1e-9  # smallest cell over the largest coordinate: its size has six digits or more
 
 
 def rectangle(x, y, order=1, diagonal="right", patches=(), regions=()):
@@ -24,9 +28,9 @@ def rectangle(x, y, order=1, diagonal="right", patches=(), regions=()):
     x, y : points (breakpoints [m]), cells (number per segment), ratios (last to first cell of each segment, or None).
     diagonal : "right" (lower left to upper right), "left" or "alternating".  Sides: left, right, bottom, top.
     patches : name, side, x, y (intervals or None) carved out of a side; regions : name, x, y.
-    Raises InputError for limits off the mesh lines and for overlaps.
+    Raises InputError for limits off the mesh lines, for overlaps, for flat cells, and for more of them than fit into memory.
     """
-    lines = [grid_lines(axis) for axis in (x, y)]
+    lines = _grid((x, y))
     return _tagged(lines, _triangles(lines, diagonal), order, patches, regions)
 
 
@@ -35,8 +39,27 @@ def box(x, y, z, order=1, patches=(), regions=()):
 
     Sides: left, right (x), front, back (y), bottom, top (z).  Raises InputError as `rectangle` does.
     """
-    lines = [grid_lines(axis) for axis in (x, y, z)]
+    lines = _grid((x, y, z))
     return _tagged(lines, _tetrahedra(lines), order, patches, regions)
+
+
+def _grid(axes):
+    """Return the mesh lines of all axes; raise InputError where no mesh can be made of them."""
+    require_memory(prod(sum(axis.cells) for axis in axes), len(axes), "[mesh]")
+    lines = [grid_lines(axis) for axis in axes]
+    sizes = [np.diff(line) for line in lines]
+    for name, line, size in zip(AXES, lines, sizes, strict=False):
+        reach = np.abs(line).max()
+        if size.min() < FINEST * reach:
+            text = f"the smallest cell, {size.min():.3g} m, is lost beside coordinates of {reach:.3g} m"
+            raise InputError(f"[mesh.{name}]: {text}; expected {FINEST:g} of them at least: change points, cells or ratios")
+    smallest, largest = ([reduce(size) for size in sizes] for reduce in (np.min, np.max))
+    for i, longest in enumerate(largest):
+        flat = prod(short / longest for j, short in enumerate(smallest) if j != i)
+        if flat <= DEGENERATE:
+            text = f"cells of {longest:.3g} m along {AXES[i]} and {min(smallest):.3g} m across are degenerate"
+            raise InputError(f"[mesh]: {text}; change points, cells or ratios")
+    return lines
 
 
 def grid_lines(axis):
@@ -140,7 +163,9 @@ def _inside(centres, lines, part, axes, where):
             place = f"{where}, {AXES[axis]}"
             low, high = (_on_line(limit, lines[axis], place) for limit in interval)
             if low >= high:
-                raise InputError(f"{place}: the interval [{interval[0]:g}, {interval[1]:g}] m is empty; give [from, to]")
+                raise InputError(
+                    f"{place}: the interval [{digits(interval[0])}, {digits(interval[1])}] m is empty; give [from, to]"
+                )
             inside &= (centres[:, axis] > low) & (centres[:, axis] < high)
     return inside
 
@@ -148,8 +173,8 @@ def _inside(centres, lines, part, axes, where):
 def _on_line(limit, lines, where):
     nearest = lines[np.argmin(np.abs(lines - limit))]
     if abs(nearest - limit) > 1e-9 * (lines[-1] - lines[0]):
-        advice = f"the nearest is {nearest:.6g} m; make it a breakpoint of the axis"
-        raise InputError(f"{where}: {limit:g} m is not on a mesh line, {advice}")
+        advice = f"the nearest is {digits(nearest)} m; make it a breakpoint of the axis"
+        raise InputError(f"{where}: {digits(limit)} m is not on a mesh line, {advice}")
     return nearest
 
 

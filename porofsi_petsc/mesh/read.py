@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from . import check, overlap
 from .mesh import Mesh
 from .topology import cell_facets, facet_groups, locate_facets
 
 FACET_KINDS = {2: ("line", "line3"), 3: ("triangle", "triangle6")}
 GMSH_NUMBERS = "gmsh:physical"
+# Formats that have no named boundaries; meshio's readers of .dat, .ply, .tec and .wkt do not end on broken files.
+WITHOUT_GROUPS = (".dat", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
 NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
 
 
@@ -26,6 +28,7 @@ def read_mesh(path, dim):
     path = Path(path)
     check.require_file(path)
     source = _read_quietly(path)
+    check.require_arrays(source.points, [block.data for block in source.cells], dim, path)
     blocks = [block for block in source.cells if len(block.data)]
     element = check.volume_element([(block.type, block.dim) for block in blocks], dim, path)
     points = check.plane_points(source.points, dim, path)
@@ -48,13 +51,16 @@ def _read_quietly(path):
     """Return meshio's mesh; meshio prints and exits on a file it cannot read, and its readers raise nearly anything."""
     import meshio  # slow to import, and most scenes make their mesh themselves
 
+    if path.suffix.lower() in WITHOUT_GROUPS:
+        advice = "give a mesh of cells in named groups, such as Gmsh .msh 2.2 or 4.1"
+        raise InputError(f"{path}: a {path.suffix} file has no named boundaries; {advice}")
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             return meshio.read(path)
     except (Exception, SystemExit) as error:
         if GMSH_NUMBERS in str(error):
             raise InputError(f"{path}: some elements have no physical group; save the mesh with Mesh.SaveAll = 0") from error
-        reason = "" if isinstance(error, SystemExit) else f" ({type(error).__name__}: {error})".replace("\n", " ")
+        reason = "" if isinstance(error, SystemExit) else f" ({type(error).__name__}: {shown(str(error))})"
         message = f"{path}: not readable as a mesh{reason}; give a file that meshio reads, such as Gmsh .msh 2.2 or 4.1"
         raise InputError(message) from error
 

@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from ..errors import InputError
+from ..errors import InputError, digits
 
 TOLERANCE = 1e-8  # of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
 NEWTON_STEPS = 20
@@ -99,6 +99,6 @@ def _refuse_outside(mesh, points, winner):
     mesh.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     for (name, point), cell in zip(points, winner, strict=True):
         if cell == NOWHERE:
-            box = " x ".join(f"[{a:.12g}, {b:.12g}]" for a, b in zip(low, high, strict=True))
-            where = ", ".join(f"{x:.12g}" for x in point)
+            box = " x ".join(f"[{digits(a)}, {digits(b)}]" for a, b in zip(low, high, strict=True))
+            where = ", ".join(digits(x) for x in point)
             raise InputError(f"[[probe]] '{name}': at = [{where}] lies outside of the mesh, expected a point of it ({box} m)")

@@ -29,12 +29,7 @@ MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
 def serial_mesh(scene):
     """Return the checked serial mesh of a scene; raises InputError (call it on one rank)."""
     section, where = scene.mesh, str(scene.source_path or "scene")
-    if section.kind == "file":
-        mesh = read_mesh(section.path, section.dim)
-    elif section.kind == "rectangle":
-        mesh = rectangle(section.x, section.y, section.order, section.diagonal, section.patches, section.regions)
-    else:
-        mesh = box(section.x, section.y, section.z, section.order, section.patches, section.regions)
+    mesh = read_mesh(section.path, section.dim) if section.kind == "file" else _generated(section, where)
     for i, material in enumerate(scene.material):
         if material.region != ("all",):
             require_regions(mesh, material.region, f"{where} [material.{i}.region]")
@@ -54,6 +49,18 @@ def serial_mesh(scene):
         check_sides(scene, mesh, kinds, where)
     require_supports(scene, mesh, kinds, where)
     return mesh
+
+
+def _generated(section, where):
+    """Return the mesh that a section describes; an InputError begins with the file."""
+    try:
+        if section.kind == "rectangle":
+            return rectangle(section.x, section.y, section.order, section.diagonal, section.patches, section.regions)
+        return box(section.x, section.y, section.z, section.order, section.patches, section.regions)
+    except InputError as error:
+        raise InputError(f"{where} {error}") from None
+    except MemoryError:
+        raise InputError(f"{where} [mesh]: the memory of this machine does not hold the mesh; take fewer cells") from None
 
 
 def _kinds(scene, mesh):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from mpi4py import MPI
 
 from ..clock import Steady, backward_euler, first_order, implicit_second_order, second_order
+from ..config.steps import RESOLUTION
 from ..errors import SMALLER_STEP, ConvergenceError, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
@@ -61,6 +62,11 @@ class Clock:
         if self.finished:
             return self.nominal
         return min(self.substep or float("inf"), self.size_to(self.next_target()))
+
+    @property
+    def smallest_step(self):
+        """Return the size [s] below which a step would be lost in the digits of the time."""
+        return RESOLUTION * self.t
 
     def cut(self, target, dt):
         """Go on to the target in parts of size dt."""
@@ -190,7 +196,7 @@ class TimeLoop:
             except ConvergenceError as error:
                 if not most:
                     raise
-                if halvings == most:
+                if halvings == most or dt / 2 < self.clock.smallest_step:
                     raise self._given_up(error, dt) from error
                 halvings, dt = halvings + 1, dt / 2
                 self.clock.cut(target, dt)
@@ -212,7 +218,7 @@ class TimeLoop:
             self._energy.remodel(*coupling.energies())
             return self._step(dt, target)
         powers = step_powers(*coupling.residuals, *coupling.collocated())
-        size = self.control.next_size(dt, self._trial(dt, schemes)) if self.control else None
+        size = self.control.next_size(dt, self._trial(dt, schemes), clock.smallest_step) if self.control else None
         coupling.accept()
         clock.advance(dt, target)
         if size is not None and clock.target is None:

@@ -181,10 +181,14 @@ def _seabed(scene, soil):
 
 
 def _require_load(scene, exact):
-    """Raise InputError where the fields at the end are not finite or zero along the profile: errors are relative to them."""
+    """Raise InputError where the fields at the end are not finite or zero along the profile: errors are relative to them.
+
+    At the other times they only have to be there.
+    """
     end = scene.time.end
     with np.errstate(all="ignore"):
-        fields = [field(end, exact.line) for field in (exact.displacement, exact.pressure) if field]
+        for t in (*scene.reference.times, end):
+            fields = [field(t, exact.line) for field in (exact.displacement, exact.pressure) if field]
     if not all(np.isfinite(field).all() for field in fields):
         raise InputError(_refused(scene, f"its fields at t = {end:g} s are not finite"))
     if exact.pressure_scale == 0 or (exact.displacement and not fields[0].any()):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, digits
 from ..mesh.check import require_tags
 from ..mesh.interface import INTERFACE
 from ..mesh.topology import facet_multiplicity, locate_facets
@@ -115,6 +115,6 @@ def check_probes(scene, probes, fluid):
     for i, probe in enumerate(scene.probe):
         dry = [name for name in probe.quantities if name == "p" or name.startswith("vf_")]
         if dry and wet[i] < 1 - WET:
-            place = ", ".join(f"{c:g}" for c in probe.at)
+            place = ", ".join(digits(c) for c in probe.at)
             text = f"received {dry[0]} at ({place}) m in the solid, expected a point of the fluid; move the probe or leave it out"
             raise InputError(f"{scene.source_path or 'scene'} [probe.{i}]: {text}")

@@ -32,15 +32,16 @@ class StepControl:
         self._order, self._constant = (1, 1.0) if section.scheme == "backward_euler" else (2, 0.5)
         self._values, self._largest, self.rejections = {"u": [], "p": []}, {"u": 0.0, "p": 0.0}, 0
 
-    def next_size(self, dt, trial):
+    def next_size(self, dt, trial, resolution=0.0):
         """Return the size of the next step after a trial step of size dt (collective); raise StepTooLarge to repeat it.
 
         trial : name -> (time [s], values (n_owned, ...)); it is remembered when it is accepted.
+        resolution : size [s] below which no step is tried, whatever the error
         """
         largest = {name: max(self._norm(value), self._largest[name]) for name, (_, value) in trial.items()}
         error = max(self._error(name, dt, *trial[name], largest[name]) for name in trial)
         factor = np.clip(SAFETY * (self._tolerance / max(error, 1e-300)) ** (1 / (self._order + 1)), SHRINK, GROW)
-        size = max(dt * factor, self._smallest_step)
+        size = max(dt * factor, self._smallest_step, resolution)
         if error > self._tolerance and size < dt:
             self.rejections += 1
             raise StepTooLarge(size)
