@@ -6,13 +6,16 @@ from pydantic import Field, model_validator
 
 from .types import Number, Positive, Table, list_of, wrong
 
-Solution = Literal["column_step", "column_harmonic", "terzaghi", "mandel", "strip_footing", "xie_leo", "selfweight", "drained"]
+Solution = Literal[
+    "column_step", "column_harmonic", "terzaghi", "mandel", "unconfined", "strip_footing", "xie_leo", "selfweight", "drained"
+]
 
 
 class Reference(Table):
     """The solution, its load [Pa] and length [m]; all else comes from the scene's one material.
 
-    frequency : ω [rad/s] of column_harmonic; surface : height of the drained surface [m] (absent: length);
+    frequency : ω [rad/s] of column_harmonic; strain : ε of unconfined; surface : height of the drained surface [m] (absent:
+    length);
     times : when the errors are taken [s], beside the end.
     """
 
@@ -20,13 +23,15 @@ class Reference(Table):
     load: Positive | None = None
     length: Positive
     frequency: Positive | None = None
+    strain: Positive | None = None
     surface: Number | None = None
     times: list_of(Annotated[Number, Field(gt=0)]) = ()
 
     @model_validator(mode="after")
     def _complete(self):
-        self._check("load", self.solution != "selfweight")
+        self._check("load", self.solution not in ("selfweight", "unconfined"))
         self._check("frequency", self.solution == "column_harmonic")
+        self._check("strain", self.solution == "unconfined")
         if list(self.times) != sorted(set(self.times)):
             raise wrong(f"received {list(self.times)}, expected increasing numbers", "times")
         return self

@@ -11,5 +11,18 @@ from .mandel import Mandel
 from .ring import Ring
 from .selfweight import Selfweight
 from .strip import StripFooting
+from .unconfined import UnconfinedCylinder, UnconfinedStrip
 
-__all__ = ["UNIAXIAL", "DynamicColumn", "Mandel", "Ring", "Selfweight", "StripFooting", "Terzaghi", "XieLeo", "confined_ratio"]
+__all__ = [
+    "UNIAXIAL",
+    "DynamicColumn",
+    "Mandel",
+    "Ring",
+    "Selfweight",
+    "StripFooting",
+    "Terzaghi",
+    "UnconfinedCylinder",
+    "UnconfinedStrip",
+    "XieLeo",
+    "confined_ratio",
+]

@@ -42,14 +42,21 @@ class SolidPhase:
         self.assemblies, self.robin_coefficient = 0, 0.0  # α of a Robin condition [Pa s/m]
 
     @property
+    def setup(self):
+        """Return the `phases.setup.SolidSetup`."""
+        return self._setup
+
+    @property
     def is_linear(self):
         """Return whether the tangent depends on nothing but the rates."""
         return all(m.elastic.small_strain for m in self._setup.materials.values()) and not self._setup.moving_mesh
 
     def set_initial(self, displacement, velocity):
-        """Set displacement and velocity at the start, both (n_local, d)."""
+        """Set displacement and velocity at the start, both (n_local, d); what is prescribed comes with the first step.
+
+        A boundary that is not where its condition wants it moves there in that step, and the volume balance sees it.
+        """
         self.u[:], self.v[:], self._accepted_configuration = displacement, velocity, None
-        self._setup.dirichlet.apply(self.u, 0.0)
         self.reset()
 
     # -- one step ---------------------------------------------------------------------------------------------------------

@@ -100,6 +100,7 @@ CASES = {
     "column_step_low_permeability": SceneCase("column_step_low_permeability"),
     "terzaghi": SceneCase("terzaghi", quick=True),
     "mandel": SceneCase("mandel"),
+    "unconfined_compression": SceneCase("unconfined_compression"),
     "strip_footing": SceneCase("strip_footing"),
     "xie_leo": SceneCase("xie_leo"),
     "selfweight_column": SceneCase("selfweight_column", quick=True),
