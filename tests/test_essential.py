@@ -110,7 +110,7 @@ def test_two_displacements_at_a_corner_are_refused(first, second, tmp_path):
 def end_of(directory, boundary, ranks=None):
     """Return the arrays of the last checkpoint of a run with some [[boundary]] entries."""
     job = Job(
-        "terzaghi", str(directory), (*SMALL, f"boundary=[{boundary}]", "output.checkpoint_every=1", "coupling.tolerance=1e-10")
+        "terzaghi", str(directory), (*SMALL, f"boundary=[{boundary}]", "output.checkpoint_every=1", "coupling.scheme=direct")
     )
     run_here(job) if ranks is None else run_on(ranks, [job], directory.parent)
     return state(directory / "checkpoint.h5")
