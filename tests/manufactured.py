@@ -347,6 +347,7 @@ def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
     setups = {
         "solid_setup": lambda scene, domain, materials, _: skeleton_setup(truth, scene, domain, materials),
         "fluid_setup": lambda scene, domain, materials, _: flow_setup(truth, scene, domain, materials),
+        "_start": lambda medium, scene: None,  # the scene has not the initial state of the solution
     }
     with mock.patch.multiple(build, **setups):
         coupling = build.build_coupling(scene, square(scene), Stopwatch())
