@@ -15,9 +15,10 @@ from mpi4py import MPI
 from running import SCENES
 
 from porofsi_petsc.elements.simplex import EDGES
-from porofsi_petsc.fem.boundary import Dirichlet, SurfaceLoad
+from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.fem.domain import Configuration, Domain
+from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.linalg.stopwatch import Stopwatch
@@ -346,6 +347,7 @@ def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
     setups = {
         "solid_setup": lambda scene, domain, materials, _: skeleton_setup(truth, scene, domain, materials),
         "fluid_setup": lambda scene, domain, materials, _: flow_setup(truth, scene, domain, materials),
+        "_start": lambda medium, scene: None,  # the scene has not the initial state of the solution
     }
     with mock.patch.multiple(build, **setups):
         coupling = build.build_coupling(scene, square(scene), Stopwatch())

@@ -10,8 +10,9 @@ from small_media import MESHES
 from small_media import medium as small_medium
 
 from porofsi_petsc import load_scene
-from porofsi_petsc.fem.boundary import Dirichlet, SurfaceLoad
+from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.fem.domain import Domain
+from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.fluid import FluidPhase
 from porofsi_petsc.phases.transfer import Flow, Rates

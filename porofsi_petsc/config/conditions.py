@@ -1,6 +1,8 @@
 """Entries [[boundary]], [body_force] and [initial]: what is prescribed, where, and what excludes what."""
 
-from pydantic import Field
+from typing import Annotated
+
+from pydantic import Field, Strict
 
 from ..errors import shown
 from .types import Flag, Formula, Number, Table, Tags, Vector, wrong
@@ -13,7 +15,8 @@ class Boundary(Table):
 
     displacement [m], velocity of the fluid phase [m/s], traction of the mixture per reference area [Pa], pressure [Pa], outward
     seepage flux n_f w.n [m/s]; no_slip: v_f = v_s in all components; backflow: part of the kinetic energy that convection
-    carries in through an open boundary of a free fluid which a traction takes away again.
+    carries in through an open boundary of a free fluid which a traction takes away again; priority: which entry holds at a
+    node of several.
     """
 
     on: Tags
@@ -24,6 +27,7 @@ class Boundary(Table):
     flux: Formula | None = None
     no_slip: Flag = False
     backflow: Number = Field(default=0.0, ge=0)
+    priority: Annotated[int, Strict()] = 0
 
     def given(self):
         """Return the names of what this entry prescribes, such as 'displacement.x' and 'pressure'."""
@@ -76,8 +80,8 @@ def _excluded_by(quantity):
         "displacement": [f"traction.{component}"],
         "traction": [f"displacement.{component}"],
         "velocity": ["no_slip"],
-        "no_slip": ["velocity.x", "velocity.y", "velocity.z", "flux"],
-        "pressure": ["flux"],
+        "no_slip": ["velocity.x", "velocity.y", "velocity.z", "pressure", "flux"],
+        "pressure": ["flux", "no_slip"],
         "flux": ["pressure", "no_slip"],
     }[name]
 

@@ -12,6 +12,7 @@ Solution = Literal[
     "column_harmonic",
     "terzaghi",
     "mandel",
+    "unconfined",
     "strip_footing",
     "cryer",
     "seabed",
@@ -20,12 +21,14 @@ Solution = Literal[
     "drained",
 ]
 HARMONIC = ("column_harmonic", "seabed")
+UNLOADED = ("selfweight", "unconfined")
 
 
 class Reference(Table):
     """The solution, its load [Pa] and length [m]; all else comes from the scene's one material.
 
-    frequency : ω [rad/s] of HARMONIC solutions; surface : height of the drained surface [m] (absent: length);
+    frequency : ω [rad/s] of HARMONIC solutions; strain : ε of unconfined; surface : height of the drained surface [m] (absent:
+    length);
     times : when the errors are taken [s], beside the end.
     """
 
@@ -33,13 +36,15 @@ class Reference(Table):
     load: Positive | None = None
     length: Positive
     frequency: Positive | None = None
+    strain: Positive | None = None
     surface: Number | None = None
     times: list_of(Annotated[Number, Field(gt=0)]) = ()
 
     @model_validator(mode="after")
     def _complete(self):
-        self._check("load", self.solution != "selfweight")
+        self._check("load", self.solution not in UNLOADED)
         self._check("frequency", self.solution in HARMONIC)
+        self._check("strain", self.solution == "unconfined")
         if list(self.times) != sorted(set(self.times)):
             raise wrong(f"received {shown(list(self.times))}, expected increasing numbers", "times")
         return self

@@ -144,7 +144,7 @@ class Coupling(Table):
     robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
-    tolerance: Annotated[Positive, Field(lt=1)] = 1e-6
+    tolerance: Annotated[Positive, Field(le=1e-2)] = 1e-6
     max_iterations: Count = 60
     tangent: Literal["lagged", "newton"] = "lagged"
     on_failure: Literal["fall_back", "cut_step", "stop"] = "fall_back"

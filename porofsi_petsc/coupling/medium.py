@@ -104,7 +104,7 @@ class Medium:
         self.step(schemes, rates, 0.0, 0)
         self.accept()
         self.solid.set_initial(u, v)
-        self.fluid.set_initial(v_f if rates.c_f else self.fluid.v, self.fluid.p)
+        self.fluid.set_initial(v_f if rates.c_f else self.fluid.v, self.fluid.p, balanced=True)
         self.reset()
 
     def accept(self):

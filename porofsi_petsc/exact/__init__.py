@@ -13,6 +13,7 @@ from .ring import Ring
 from .seabed import Seabed
 from .selfweight import Selfweight
 from .strip import StripFooting
+from .unconfined import UnconfinedCylinder, UnconfinedStrip
 
 __all__ = [
     "UNIAXIAL",
@@ -24,6 +25,8 @@ __all__ = [
     "Selfweight",
     "StripFooting",
     "Terzaghi",
+    "UnconfinedCylinder",
+    "UnconfinedStrip",
     "XieLeo",
     "confined_ratio",
 ]

@@ -1,4 +1,4 @@
-"""Boundary data on the nodes and facets of a rank: prescribed values and surface loads."""
+"""Boundary data on the facets of a rank: surface loads, open boundaries, interfaces."""
 
 from dataclasses import dataclass
 
@@ -18,42 +18,6 @@ from ..kernels.surface import (
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 from ..tensors import inverse
 from .geometry import Rule
-
-
-@dataclass(frozen=True)
-class Prescribed:
-    """Essential values of one component on owned nodes: nodes (n,), component, expression(t, x) -> (n,)."""
-
-    nodes: np.ndarray
-    component: int
-    expression: object
-
-
-class Dirichlet:
-    """The essential conditions of one nodal field with k components.
-
-    mask : (n_local, k) bool, true where a value is prescribed, ghosts included
-    """
-
-    def __init__(self, mesh, components, entries):
-        """Collect the conditions; entries : (tag, component, expression) with an expression of (t, x)."""
-        self._mesh = mesh
-        self.conditions = [Prescribed(owned_nodes(mesh, tag), component, expression) for tag, component, expression in entries]
-        self.mask = np.zeros((mesh.n_local, components), dtype=np.uint8)
-        for condition in self.conditions:
-            self.mask[condition.nodes, condition.component] = 1
-        mesh.halo.update(self.mask)
-        self.mask = self.mask.astype(bool)
-
-    def apply(self, field, t):
-        """Overwrite the prescribed entries of a field (n_local, k) by their values at time t, ghosts included (collective)."""
-        for condition in self.conditions:
-            field[condition.nodes, condition.component] = condition.expression(t, self._mesh.X[condition.nodes])
-        self._mesh.halo.update(field)
-
-    def free(self, owned):
-        """Return a copy of (n_owned, k) with the prescribed entries set to zero."""
-        return np.where(self.mask[: self._mesh.n_owned], 0.0, owned)
 
 
 class SurfaceLoad:
@@ -273,15 +237,9 @@ def tags_of(mesh, row_of_cell):
     return set().union(*mesh.comm.allgather(mine))
 
 
-def owned_nodes(mesh, tag):
-    """Return the owned nodes that lie on a tagged surface, sorted."""
-    nodes = np.unique(mesh.facets[tag].nodes)
-    return nodes[nodes < mesh.n_owned]
-
-
-def facet_normals(mesh, tag):
-    """Return the outward unit normals of the facets of a tag at their centroid, (F, d), reference configuration."""
+def facet_normals(mesh, nodes):
+    """Return the outward unit normals of facets, nodes (F, Af), at their centroid, (F, d), reference configuration."""
     facet = FACET[mesh.element.name]
     centroid = np.full((1, mesh.dim - 1), 1 / mesh.dim)
-    normal = facet_normal(facet.gradient(centroid), np.ones(1), mesh.X[mesh.facets[tag].nodes])[:, 0]
+    normal = facet_normal(facet.gradient(centroid), np.ones(1), mesh.X[nodes])[:, 0]
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)

@@ -49,6 +49,11 @@ class FluidPhase:
         self.reset()
 
     @property
+    def setup(self):
+        """Return the `phases.setup.FluidSetup`."""
+        return self._setup
+
+    @property
     def is_linear(self):
         """Return whether the tangent depends on nothing but the rates."""
         return not (self._setup.convection or self._setup.moving_mesh)
@@ -58,12 +63,14 @@ class FluidPhase:
         """Return the unknowns per node in the matrix: v, p and, with inertia in the corrected split, the auxiliary field s."""
         return self.mesh.dim + 1 + self._setup.has_auxiliary
 
-    def set_initial(self, velocity, pressure=None):
-        """Set velocity (n_local, d) and pressure (n_local,) at the start; without one p is what the first step makes of it."""
-        self.v[:] = velocity
-        if pressure is not None:
-            self.p[:], self._p0[:], self._p0_age = pressure, pressure, 0.0
-        self._setup.velocity.apply(self.v, 0.0)
+    def set_initial(self, velocity, pressure=0.0, balanced=False):
+        """Set velocity (n_local, d) and pressure (n_local,) at the start; what is prescribed comes with the first step.
+
+        balanced : whether the pressure is that of the loads at 0+; only then it starts the line on which p is at the end of a
+        step, else the first one has its collocated value
+        """
+        self.v[:], self.p[:], self._p0[:] = velocity, pressure, pressure
+        self._p0_age = 0.0 if balanced else None
         self.reset()
 
     # -- one step ---------------------------------------------------------------------------------------------------------

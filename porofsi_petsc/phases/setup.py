@@ -5,8 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..fem.boundary import Dirichlet, InterfaceMass
+from ..fem.boundary import InterfaceMass
 from ..fem.domain import Domain
+from ..fem.essential import Dirichlet
 from ..fem.transfer import InterfaceTransfer
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import ElementMatrix

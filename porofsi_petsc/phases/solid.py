@@ -46,14 +46,21 @@ class SolidPhase:
         self._t_end = 0.0  # of the trial step [s]
 
     @property
+    def setup(self):
+        """Return the `phases.setup.SolidSetup`."""
+        return self._setup
+
+    @property
     def is_linear(self):
         """Return whether the tangent depends on nothing but the rates."""
         return all(m.elastic.small_strain for m in self._setup.materials.values()) and not self._setup.moving_mesh
 
     def set_initial(self, displacement, velocity):
-        """Set displacement and velocity at the start, both (n_local, d)."""
+        """Set displacement and velocity at the start, both (n_local, d); what is prescribed comes with the first step.
+
+        A boundary that is not where its condition wants it moves there in that step, and the volume balance sees it.
+        """
         self.u[:], self.v[:], self._accepted_configuration = displacement, velocity, None
-        self._setup.dirichlet.apply(self.u, 0.0)
         self.reset()
 
     # -- one step ---------------------------------------------------------------------------------------------------------

@@ -31,11 +31,15 @@ class AutoMedium:
     scene : with the present model; switched : one record per term that was switched on, as in `summary.json`
     """
 
-    def __init__(self, scene, build):
-        """Start without the auto terms; build : scene without "auto" -> medium in its initial state (collective)."""
-        self._build, self._waiting, self.switched = build, auto_terms(scene.model), []
+    def __init__(self, scene, build, start):
+        """Start without the auto terms (collective).
+
+        build : scene without "auto" -> medium at rest; start : (medium, scene) gives it the initial state, or refuses it
+        """
+        self._build, self._start, self._waiting, self.switched = build, start, auto_terms(scene.model), []
         self.scene = at_start(scene)
         self._medium = build(self.scene)
+        start(self._medium, self.scene)
 
     def __getattr__(self, name):
         return getattr(self._medium, name)
@@ -50,6 +54,8 @@ class AutoMedium:
             return False
         state, memory = self._medium.state(), self._medium.memory()
         self._switch_on([_record(term, passed, sizes, clock) for term in self._with_what_they_need(passed)])
+        if clock.step == 0:
+            self._start(self._medium, self.scene)  # with inertia not every start will do
         schemes, rates = clock.schemes(self.scene.model, clock.nominal)
         self._medium.load_state(state, _without_tangents(memory), schemes, rates)
         return True

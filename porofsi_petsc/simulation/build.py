@@ -19,8 +19,9 @@ from ..phases.solid import SolidPhase
 from .auto import AutoMedium, auto_terms
 from .fall_back import tried_by_itself
 from .interface import interface_medium
-from .setups import fluid_setup, materials_of, nodal_field, solid_setup
+from .setups import fluid_setup, materials_of, solid_setup
 from .sides import check_sides
+from .start import put_at_start
 from .supports import require_supports
 
 MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
@@ -98,18 +99,23 @@ def build_coupling(scene, mesh, stopwatch):
         medium.tried = tried_by_itself(scene)
         return medium
 
-    return AutoMedium(scene, build) if auto_terms(scene.model) else build(scene)
+    if auto_terms(scene.model):
+        return AutoMedium(scene, build, _start)
+    medium = build(scene)
+    if domain:
+        _start(medium, scene)
+    return medium
+
+
+def _start(medium, scene):
+    put_at_start(scene, medium.solid, medium.fluid)
 
 
 def _medium(scene, domain, stopwatch):
-    """Return the coupling scheme of a scene without "auto" terms (collective)."""
+    """Return the coupling scheme of a scene without "auto" terms, at rest (collective)."""
     mesh, materials = domain.mesh, materials_of(scene, domain.mesh)
     setups = [setup(scene, domain, materials, stopwatch) for setup in (solid_setup, fluid_setup)]
     solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
-    initial = scene.initial
-    solid.set_initial(nodal_field(mesh, initial.displacement), nodal_field(mesh, initial.solid_velocity))
-    pressure = initial.pressure(0.0, mesh.X) if initial.pressure else None
-    fluid.set_initial(nodal_field(mesh, initial.fluid_velocity), pressure)
     choice = scene.coupling
     common = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
     if choice.scheme in MIXTURES:

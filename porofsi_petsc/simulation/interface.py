@@ -2,12 +2,14 @@
 
 import numpy as np
 
+from ..config.expressions import Expression
 from ..coupling.accelerators import ACCELERATORS
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
-from ..fem.boundary import Dirichlet, InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, tags_of
+from ..fem.boundary import InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, tags_of
 from ..fem.domain import Domain
+from ..fem.essential import Essential
 from ..fem.transfer import InterfaceTransfer, Pair
 from ..materials import MESH_MOTION
 from ..phases.fluid import FluidPhase
@@ -15,7 +17,9 @@ from ..phases.interface_mixture import InterfaceMixture
 from ..phases.mesh_motion import MeshMotion
 from ..phases.setup import FluidSetup, MeshSetup, SolidSetup
 from ..phases.solid import SolidPhase
-from .setups import MONOLITHIC, components, entries, is_direct, materials_of, nodal_field
+from .conditions import components, dirichlet, essentials
+from .setups import MONOLITHIC, entries, is_direct, materials_of
+from .start import put_at_start
 
 # What the fluid sees of the solid in a scheme.
 SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
@@ -27,14 +31,8 @@ def interface_medium(scene, mesh, stopwatch):
     setups = builder.solid(), builder.fluid(), builder.motion()
     solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
     motion = MeshMotion(setups[2], fluid.domain, scene.model.viscosity)
-    initial, choice, conditions = scene.initial, scene.coupling, builder.conditions()
-    displacement, velocity = (nodal_field(mesh, v) for v in (initial.displacement, initial.solid_velocity))
-    solid.set_initial(displacement, velocity)
-    motion.set_initial(solid.u, solid.v)
-    pressure = initial.pressure(0.0, mesh.X) if initial.pressure else None
-    transfer = builder.transfer
-    sticking = np.where(transfer.fluid_nodes[:, None], transfer.to_fluid(velocity), nodal_field(mesh, initial.fluid_velocity))
-    fluid.set_initial(sticking, pressure)
+    choice, conditions, transfer = scene.coupling, builder.conditions(), builder.transfer
+    put_at_start(scene, solid, fluid, motion, transfer)
 
     def accelerator(dot, name=choice.accelerator):
         first = conditions.first_factor if choice.relaxation is None else choice.relaxation
@@ -90,8 +88,7 @@ class _Builder:
         )
 
     def _dirichlet(self, quantity, tags):
-        chosen = [entry for entry in entries(self.scene, quantity) if entry[0] in tags]
-        return Dirichlet(self.mesh, self.mesh.dim, chosen)
+        return dirichlet(self.scene, self.mesh, self.mesh.dim, essentials(self.scene, quantity, tags))
 
     def solid(self):
         """Return the `SolidSetup`."""
@@ -124,7 +121,7 @@ class _Builder:
             inertia=scene.model.fluid_inertia,
             moving_mesh=self._moving,
             velocity=velocity,
-            pressure=Dirichlet(mesh, 1, []),
+            pressure=dirichlet(scene, mesh, 1, []),
             loads=self._loads(self._fluid_tags),
             fluxes=(),
             no_slip=self.transfer.fluid_nodes,
@@ -184,11 +181,11 @@ class _Builder:
             raise InputError(f"{self.scene.source_path or 'scene'} [[boundary]]: {received}, {advice}")
 
     def motion(self):
-        """Return the `MeshSetup`: boundaries of the fluid without a prescribed displacement are fixed."""
+        """Return the `MeshSetup`: a boundary of the fluid without a prescribed displacement is fixed up to the next one with."""
         section = self.scene.mesh_motion
-        given = [entry for entry in entries(self.scene, "displacement") if entry[0] in self._fluid_tags]
-        fixed = self._fluid_tags - {tag for tag, _, _ in given}
-        given += [(tag, i, lambda t, x: 0.0) for tag in sorted(fixed) for i in range(self.mesh.dim)]
+        given = essentials(self.scene, "displacement", self._fluid_tags)
+        fixed = self._fluid_tags - {entry.tag for entry in given}
+        given += [Essential(tag, i, Expression(0.0), -np.inf) for tag in fixed for i in range(self.mesh.dim)]
         poisson = section.poisson
         return MeshSetup(
             domain=Domain(self.mesh, self._free) if self._pores else self._fluid_domain,
@@ -200,6 +197,6 @@ class _Builder:
             stiffening=section.stiffening,
             carried=self._solid_domain.holds | self.transfer.fluid_nodes,
             transfer=self.transfer,
-            dirichlet=Dirichlet(self.mesh, self.mesh.dim, given),
+            dirichlet=dirichlet(self.scene, self.mesh, self.mesh.dim, given),
             **self._common,
         )

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from ..config.sections import LIMIT_OF
 from ..errors import LimitError
-from ..fem.boundary import owned_nodes
+from ..fem.essential import owned_nodes
 from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain

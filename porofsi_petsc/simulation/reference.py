@@ -6,7 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..exact import Cryer, DynamicColumn, Mandel, Seabed, Selfweight, StripFooting, Terzaghi, XieLeo, confined_ratio
+from ..exact import (
+    Cryer,
+    DynamicColumn,
+    Mandel,
+    Seabed,
+    Selfweight,
+    StripFooting,
+    Terzaghi,
+    UnconfinedCylinder,
+    UnconfinedStrip,
+    XieLeo,
+    confined_ratio,
+)
 from ..fem.geometry import Rule, geometry
 from ..output.probes import Probes
 
@@ -144,6 +156,23 @@ def _mandel(scene, soil):
     return ExactFields(displacement, lambda t, X: slab.pressure(X[:, 0], t), section.load / 2, line, 0)
 
 
+def _unconfined(scene, soil):
+    """Return the fields of a cylinder around the z-axis, in two dimensions of a strip."""
+    section, dim = scene.reference, scene.dim
+    kind, undrained = (UnconfinedCylinder, soil.mu) if dim == 3 else (UnconfinedStrip, 2 * soil.mu)
+    body = kind(section.strain, section.length, soil.lam, soil.mu, soil.diffusivity)
+
+    def displacement(t, X):
+        r = np.linalg.norm(X[:, : dim - 1], axis=1)
+        outward = X[:, : dim - 1] * (body.displacement(r, t) / np.where(r > 0, r, 1.0))[:, None]
+        return np.column_stack([outward, -section.strain * X[:, -1]])
+
+    line = np.zeros((2, dim))
+    line[1, 0] = section.length
+    scale = undrained * section.strain
+    return ExactFields(displacement, lambda t, X: body.pressure(np.linalg.norm(X[:, : dim - 1], axis=1), t), scale, line, 0)
+
+
 def _strip_footing(scene, soil):
     section = scene.reference
     surface = section.length if section.surface is None else section.surface
@@ -206,6 +235,7 @@ SOLUTIONS = {
     "column_harmonic": _column_harmonic,
     "terzaghi": _layer(Terzaghi),
     "mandel": _mandel,
+    "unconfined": _unconfined,
     "strip_footing": _strip_footing,
     "cryer": _cryer,
     "seabed": _seabed,

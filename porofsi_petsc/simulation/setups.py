@@ -1,14 +1,13 @@
 """What a scene says of its phases: materials, boundary data, terms of the model, on a distributed mesh."""
 
-import numpy as np
-
 from ..errors import InputError
-from ..fem.boundary import Dirichlet, SurfaceLoad, facet_normals, weak_zero_on
+from ..fem.boundary import SurfaceLoad, weak_zero_on
 from ..materials import ELASTIC, PERMEABILITY
 from ..materials.porous import PorousMaterial
 from ..phases.setup import FluidSetup, SolidSetup
+from .conditions import components, dirichlet, essentials, no_slip_nodes, nodes_of
+from .drainage import holds_normal, require_one_drainage
 
-AXES = "xyz"
 # Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always is.  Measured by
 # scripts/bench_solvers (docs/solvers.md): with tangents renewed in every step both take the same time at about 75 000 nodes, with
 # kept ones MUMPS is the faster up to 84 000 at least.
@@ -45,11 +44,6 @@ def _material(entry, model):
     )
 
 
-def components(vector):
-    """Return dict component -> expression of the given components of a `config.Vector`."""
-    return {i: getattr(vector, axis) for i, axis in enumerate(AXES) if getattr(vector, axis) is not None}
-
-
 def entries(scene, quantity):
     """Return (tag, component, expression) for every prescribed component of a vector quantity."""
     return [(tag, i, e) for b in scene.boundary for tag in b.on for i, e in components(getattr(b, quantity)).items()]
@@ -62,7 +56,7 @@ def solid_setup(scene, domain, materials, stopwatch):
     return SolidSetup(
         body_force=components(scene.body_force.solid),
         inertia=model.solid_inertia,
-        dirichlet=Dirichlet(mesh, mesh.dim, entries(scene, "displacement")),
+        dirichlet=dirichlet(scene, mesh, mesh.dim, essentials(scene, "displacement")),
         loads=tuple(loads),
         with_hessian=model.viscosity,
         mass_scaling=scene.coupling.mass_scaling,
@@ -73,19 +67,20 @@ def solid_setup(scene, domain, materials, stopwatch):
 def fluid_setup(scene, domain, materials, stopwatch):
     """Return the `FluidSetup` of a scene."""
     mesh, model, stabilization = domain.mesh, scene.model, scene.stabilization
-    pressures = [(tag, 0, b.pressure) for b in scene.boundary for tag in b.on if b.pressure is not None]
-    free, drained = _traction_tags(scene, mesh), {tag for tag, _, _ in pressures}
+    pressures = essentials(scene, "pressure")
+    free, drained = _traction_tags(scene, mesh), {entry.tag for entry in pressures}
     _require_pressure_level(scene, free, drained)
+    require_one_drainage(scene, mesh)
     fluxes = [SurfaceLoad(mesh, tag, {0: b.flux}) for b in scene.boundary for tag in b.on if b.flux is not None]
     inertia = model.solid_inertia or model.fluid_inertia
     return FluidSetup(
         body_force=components(scene.body_force.fluid),
         inertia=model.fluid_inertia,
-        velocity=Dirichlet(mesh, mesh.dim, entries(scene, "velocity")),
-        pressure=Dirichlet(mesh, 1, pressures),
+        velocity=dirichlet(scene, mesh, mesh.dim, essentials(scene, "velocity")),
+        pressure=dirichlet(scene, mesh, 1, pressures),
         loads=(),
         fluxes=tuple(fluxes),
-        no_slip=nodes_of(mesh, [tag for b in scene.boundary if b.no_slip for tag in b.on]),
+        no_slip=no_slip_nodes(scene, mesh),
         stress_nodes=nodes_of(mesh, [tag for tag in free if tag in drained]),
         free_surface=weak_zero_on(domain, [tag for tag in free if tag not in drained]),
         has_auxiliary=inertia and _split(scene) == "corrected",
@@ -104,21 +99,12 @@ def _common(scene, domain, materials, stopwatch):
     return common | {"moving_mesh": scene.model.moving_mesh, "split": _split(scene), "direct": is_direct(domain.mesh)}
 
 
-def nodes_of(mesh, tags):
-    """Return the nodes of tagged surfaces, (n_local,) bool with ghosts (collective)."""
-    mask = np.zeros(mesh.n_local, dtype=np.uint8)
-    for tag in tags:
-        mask[mesh.facets[tag].nodes] = 1
-    mesh.halo.update(mask)
-    return mask.astype(bool)
-
-
 def _traction_tags(scene, mesh):
     """Return the surfaces on which the normal displacement is not prescribed (collective)."""
     fixed = {tag: set() for b in scene.boundary for tag in b.on}
     for tag, component, _ in entries(scene, "displacement"):
         fixed[tag].add(component)
-    return [tag for tag, held in fixed.items() if not _holds_normal(mesh, tag, sorted(held))]
+    return [tag for tag, held in fixed.items() if not holds_normal(mesh, tag, sorted(held))]
 
 
 def _require_pressure_level(scene, free, drained):
@@ -127,13 +113,6 @@ def _require_pressure_level(scene, free, drained):
         received = "received a prescribed normal displacement and no pressure on every boundary"
         advice = "expected one with a pressure or free to move, because else the pressure has no level; prescribe it on one"
         raise InputError(f"{scene.source_path or 'scene'} [[boundary]]: {received}, {advice}")
-
-
-def _holds_normal(mesh, tag, held):
-    """Return whether the prescribed components hold more than half of the mean squared normal (collective)."""
-    normal2 = (facet_normals(mesh, tag)[mesh.facets[tag].owned] ** 2).sum(axis=0)
-    normal2 = mesh.comm.allreduce(normal2)
-    return normal2[held].sum() > 0.5 * normal2.sum()
 
 
 def _split(scene):
@@ -147,10 +126,3 @@ def _split(scene):
 def is_direct(mesh):
     """Return whether the default solvers are factorizations."""
     return mesh.dim == 2 and mesh.n_global <= DIRECT_NODES_2D
-
-
-def nodal_field(mesh, vector):
-    field = np.zeros((mesh.n_local, mesh.dim))
-    for component, expression in components(vector).items():
-        field[:, component] = expression(0.0, mesh.X)
-    return field

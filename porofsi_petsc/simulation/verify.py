@@ -105,6 +105,7 @@ CASES = {
     "column_step_low_permeability": SceneCase("column_step_low_permeability"),
     "terzaghi": SceneCase("terzaghi", quick=True),
     "mandel": SceneCase("mandel"),
+    "unconfined_compression": SceneCase("unconfined_compression"),
     "strip_footing": SceneCase("strip_footing"),
     "cryer": SceneCase("cryer"),
     "cryer_poisson_0": SceneCase("cryer", ("material.0.solid.poisson=0.0", CRYER_EXPECT)),

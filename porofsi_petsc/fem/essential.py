@@ -1,0 +1,148 @@
+"""Essential conditions: values prescribed on the nodes of tagged surfaces, one at a node that several of them share."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+
+# Of two values on one node, over the largest that their conditions prescribe: above round-off of formulas and tables, far below
+# any error of discretization.
+SAME = 1e-9
+
+
+class Essential(NamedTuple):
+    """One component of a field on one tag: expression(t, x) -> (n,).
+
+    precedence : on a node with several, the highest alone holds; name : its key in the scene
+    """
+
+    tag: str
+    component: int
+    expression: object
+    precedence: float = 0.0
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """What is left of an `Essential` on the owned nodes, (n,)."""
+
+    given: Essential
+    nodes: np.ndarray
+
+    def values(self, mesh, t):
+        """Return the values at time t, (n,)."""
+        return self.given.expression(t, mesh.X[self.nodes])
+
+
+class Dirichlet:
+    """The essential conditions of one nodal field with k components.
+
+    mask : (n_local, k) bool, true where a value is prescribed, ghosts included.  At a node the conditions of the highest
+    precedence hold, whatever their order; they must agree, which is checked at given times and whenever they are applied.
+    """
+
+    def __init__(self, mesh, components, given, times=(), where="scene"):
+        """Collect the conditions, tuples as `Essential` takes them (collective).
+
+        times : at which values on common nodes are compared now; where : file of the scene, for messages
+        """
+        self._mesh, self._where = mesh, where
+        given = sorted((Essential(*entry) for entry in given), key=lambda entry: (entry.tag, entry.component))
+        self.conditions = [Prescribed(entry, nodes) for entry, nodes in zip(given, _held(mesh, components, given), strict=True)]
+        self.mask = np.zeros((mesh.n_local, components), dtype=np.uint8)
+        for condition in self.conditions:
+            self.mask[condition.nodes, condition.given.component] = 1
+        mesh.halo.update(self.mask)
+        self.mask = self.mask.astype(bool)
+        self._shared = _shared(mesh.comm, self.conditions)
+        for t in times if self._shared else ():
+            self._require_one_value(t, [condition.values(mesh, t) for condition in self.conditions])
+
+    def apply(self, field, t):
+        """Overwrite the prescribed entries of a field (n_local, k) by their values at time t, ghosts included (collective).
+
+        Raises InputError where two conditions that hold at a node differ.
+        """
+        values = [condition.values(self._mesh, t) for condition in self.conditions]
+        if self._shared:
+            self._require_one_value(t, values)
+        for condition, found in zip(self.conditions, values, strict=True):
+            field[condition.nodes, condition.given.component] = found
+        self._mesh.halo.update(field)
+
+    def free(self, owned):
+        """Return a copy of (n_owned, k) with the prescribed entries set to zero."""
+        return np.where(self.mask[: self._mesh.n_owned], 0.0, owned)
+
+    def _require_one_value(self, t, values):
+        """Raise InputError at the first node, in the order of the mesh file, on which two values differ (collective)."""
+        largest = [float(np.abs(found).max(initial=0.0)) for found in values]
+        largest = np.max(self._mesh.comm.allgather(largest), axis=0)
+        found = []
+        for first, second, in_first, in_second in self._shared:
+            a, b = values[first][in_first], values[second][in_second]
+            nodes = self.conditions[first].nodes[in_first]
+            apart = np.abs(a - b) > SAME * max(largest[first], largest[second])
+            found += [(node, first, second, x, y) for node, x, y in zip(nodes[apart], a[apart], b[apart], strict=True)]
+        worst = first_node(self._mesh, found)
+        if worst is not None:
+            raise InputError(self._conflict(t, *worst))
+
+    def _conflict(self, t, place, first, second, a, b):
+        """Return the sentence about two values at a place."""
+        one, other = (self.conditions[i].given for i in (first, second))
+        text = f"received {b:g} on '{other.tag}' at the node ({place}) m at t = {t:g} s"
+        text += f", where {one.name} gives {a:g} on '{one.tag}'"
+        advice = "expected one value; let them agree there, or give the entry that is to hold a higher `priority`"
+        return f"{self._where} [{other.name}]: {text}, {advice}"
+
+
+def _held(mesh, components, given):
+    """Return the owned nodes of every `Essential` on which none of higher precedence holds the component."""
+    nodes = [owned_nodes(mesh, entry.tag) for entry in given]
+    highest = np.full((mesh.n_owned, components), -np.inf)
+    for entry, here in zip(given, nodes, strict=True):
+        highest[here, entry.component] = np.maximum(highest[here, entry.component], entry.precedence)
+    return [here[highest[here, entry.component] == entry.precedence] for entry, here in zip(given, nodes, strict=True)]
+
+
+def _shared(comm, conditions):
+    """Return (first, second, places in first, places in second) of all pairs with common nodes on some rank (collective).
+
+    A pair that prescribes the same expression is left out.
+    """
+    pairs = []
+    for j, second in enumerate(conditions):
+        for i, first in enumerate(conditions[:j]):
+            if first.given.component == second.given.component and not _equal(first.given.expression, second.given.expression):
+                common, in_first, in_second = np.intersect1d(first.nodes, second.nodes, True, return_indices=True)
+                pairs.append((i, j, in_first, in_second))
+    counts = comm.allreduce(np.array([len(pair[2]) for pair in pairs], dtype=int))
+    return [pair for pair, count in zip(pairs, counts, strict=True) if count]
+
+
+def first_node(mesh, found):
+    """Return the place as text and the rest of the record of the first node in the order of the mesh file, or None (collective).
+
+    found : (local node, numbers …) of this rank
+    """
+    mine = min(((int(mesh.natural[node]), *rest) for node, *rest in found), default=None)
+    if mine is not None:
+        node = int(np.flatnonzero(mesh.natural == mine[0])[0])
+        mine = (mine[0], ", ".join(f"{c:g}" for c in mesh.X[node]), *mine[1:])
+    records = [record for record in mesh.comm.allgather(mine) if record]
+    return min(records)[1:] if records else None
+
+
+def _equal(one, other):
+    """Return whether two expressions are the same by their text, or the same object."""
+    return one is other or getattr(one, "source", one) == getattr(other, "source", other)
+
+
+def owned_nodes(mesh, tag):
+    """Return the owned nodes that lie on a tagged surface, sorted."""
+    nodes = np.unique(mesh.facets[tag].nodes)
+    return nodes[nodes < mesh.n_owned]

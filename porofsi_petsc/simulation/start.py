@@ -1,0 +1,204 @@
+"""The state at t = 0 is that of [initial], and what this may not contradict.
+
+What [initial] gives has to agree with what is prescribed at 0+.  What it does not give is at rest, and a boundary that is
+prescribed something else goes there in the first step: a jump at 0+ is a load like any other, of which the balances see all.
+"""
+
+import collections
+import itertools
+
+import numpy as np
+
+from ..errors import InputError
+from ..fem.boundary import facet_normals, interface_facets
+from ..fem.essential import first_node
+from .conditions import AXES, at_once, components, nodal_field
+
+AGREE = 1e-3  # of the largest value: below errors of discretization, above the digits of numbers that were written by hand
+THROUGH = 0.1  # of the largest speed: on coarse facets of a curved wall a flow along it has that much to flow through them
+RATE = 1e-6  # in first steps: of the difference quotient for the rate of a prescribed displacement at 0+, good for nine digits
+
+
+def put_at_start(scene, solid, fluid, motion=None, transfer=None):
+    """Give the phases the state at t = 0; raise InputError where it contradicts what is prescribed at 0+ (collective).
+
+    motion, transfer : of the mesh of a free fluid, and of the solid's velocity to the interface, to which the fluid sticks
+    """
+    start = _Start(scene, solid, fluid, transfer)
+    if scene.time.scheme != "steady":  # whose initial state is but a first guess
+        start.require_displacement()
+        start.require_solid_velocity()
+        start.require_fluid_velocity()
+    solid.set_initial(start.u, start.v_s)
+    if motion is not None:
+        motion.set_initial(start.u, start.v_s)
+    fluid.set_initial(start.flow(), start.pressure(), start.is_balanced())
+
+
+class _Start:
+    """The fields of [initial], (n_local, d), beside what is prescribed."""
+
+    def __init__(self, scene, solid, fluid, transfer):
+        self._scene, self._mesh, self._initial = scene, solid.mesh, scene.initial
+        self._solid, self._fluid, self._now = solid.setup, fluid.setup, at_once(scene.time)
+        names = "displacement", "solid_velocity", "fluid_velocity"
+        self.u, self.v_s, self._v_f = (nodal_field(self._mesh, getattr(self._initial, name)) for name in names)
+        self._sticking = self.v_s if transfer is None else transfer.to_fluid(self.v_s)
+        self._transfer = transfer
+
+    def flow(self):
+        """Return v_f, on an interface that of the solid."""
+        if self._transfer is None:
+            return self._v_f
+        return np.where(self._fluid.no_slip[:, None], self._sticking, self._v_f)
+
+    def pressure(self):
+        """Return p, (n_local,)."""
+        given = self._initial.pressure
+        return np.zeros(self._mesh.n_local) if given is None else given(0.0, self._mesh.X)
+
+    def is_balanced(self):
+        """Return whether p is given and that of all drained surfaces at 0+ (collective)."""
+        if self._initial.pressure is None:
+            return False
+        conditions = self._fluid.pressure.conditions
+        p, values = self.pressure()[:, None], self._values(conditions, self._now)
+        return self._first_apart(conditions, p, values, self._largest(p, *values)) is None
+
+    # -- what is given against what is prescribed -------------------------------------------------------------------------
+
+    def require_displacement(self):
+        """Refuse a given displacement that is another one at 0+, and with inertia a jump of what is not given."""
+        conditions = self._solid.dirichlet.conditions
+        values = self._values(conditions, self._now)
+        scale = self._largest(self.u, *values, *self._values(conditions, self._scene.time.step))
+        apart = self._first_apart(conditions, self.u, values, scale)
+        if apart is None:
+            return
+        if apart[0].component in components(self._initial.displacement):
+            self._refuse("displacement", apart, "m", "then the boundary moves there in the first step")
+        model = self._scene.model
+        if model.solid_inertia is True or model.fluid_inertia is True:
+            self._refuse_jump(*apart)
+
+    def require_solid_velocity(self):
+        """Refuse a given velocity of the solid that is not the rate of the prescribed displacement at 0+."""
+        conditions, tiny = self._solid.dirichlet.conditions, RATE * self._scene.time.step
+        before, after = (self._values(conditions, n * tiny) for n in (1, 2))
+        rates = [(b - a) / tiny for a, b in zip(before, after, strict=True)]
+        given, strict = components(self._initial.solid_velocity), self._scene.time.consistent_start
+        counts = [strict or condition.given.component in given for condition in conditions]
+        chosen, wanted = (list(itertools.compress(whole, counts)) for whole in (conditions, rates))
+        apart = self._first_apart(chosen, self.v_s, wanted, self._largest(self.v_s, *wanted))
+        if apart is not None:
+            self._refuse("solid_velocity", apart, "m/s", "then the boundary jumps in the first step")
+
+    def require_fluid_velocity(self):
+        """Refuse a given velocity of the fluid that flows through its boundary otherwise than what is prescribed at 0+.
+
+        Only the normal component counts, in the mean of a facet: a flow that slips along a wall at t = 0 is a good start.
+        """
+        given = set(components(self._initial.fluid_velocity))
+        counts = set(range(self._mesh.dim)) if self._scene.time.consistent_start else given
+        surfaces = [surface for surface in self._surfaces(counts) if counts]
+        scale = self._largest(self._v_f, *(wanted for *_, wanted in surfaces))
+        found = []
+        for number, (_, nodes, normal, wanted) in enumerate(surfaces):
+            difference = np.where(np.isfinite(wanted), self._v_f[nodes] - wanted, 0.0).mean(axis=1)
+            through = (difference * normal).sum(axis=1)
+            here = np.abs(through) > THROUGH * scale
+            first = nodes[here, self._mesh.natural[nodes[here]].argmin(axis=1)]
+            found += [(node, number, size) for node, size in zip(first, through[here], strict=True)]
+        first = first_node(self._mesh, found)
+        if first is not None:
+            place, number, size = first
+            self._refuse_flow(surfaces[number][0], place, size)
+
+    def _surfaces(self, counts):
+        """Return (name, nodes (F, Af), normals (F, d), wanted velocity (F, Af, d), nan where free) around the fluid."""
+        prescribed = collections.defaultdict(list)
+        for condition in self._fluid.velocity.conditions:
+            if condition.given.component in counts:
+                prescribed[condition.given.tag].append(condition.given)
+        surfaces = [(f"'{tag}'", *self._facets(tag), entries) for tag, entries in sorted(prescribed.items())]
+        found = [(name, nodes, normal, self._wanted(nodes, entries)) for name, nodes, normal, entries in surfaces]
+        walls = sorted(tag for b in self._scene.boundary if b.no_slip for tag in b.on)
+        sticking = [(f"'{tag}'", *self._facets(tag)) for tag in walls]
+        if self._transfer is not None:
+            sticking.append(("the interface", *self._interface()))
+        return found + [(name, nodes, normal, self._sticking[nodes]) for name, nodes, normal in sticking]
+
+    def _wanted(self, nodes, entries):
+        """Return the prescribed velocity on the nodes of facets, nan where none is, (F, Af, d)."""
+        points, wanted = self._mesh.X[nodes.ravel()], np.full((*nodes.shape, self._mesh.dim), np.nan)
+        for entry in entries:
+            wanted[..., entry.component] = entry.expression(self._now, points).reshape(nodes.shape)
+        return wanted
+
+    def _facets(self, tag):
+        """Return nodes (F, Af) and normals (F, d) of the facets of a tag on the fluid, each on one rank."""
+        facets = self._mesh.facets[tag]
+        here = facets.owned & (self._fluid.domain.row_of_cell[facets.cells] >= 0)
+        return facets.nodes[here], facet_normals(self._mesh, facets.nodes[here])
+
+    def _interface(self):
+        """Return the same of the facets on which the fluid sticks to the solid."""
+        fluid, tags = self._fluid.domain, [tag for pair in self._scene.interface for tag in pair.fluid]
+        rows, local = interface_facets(fluid, self._solid.domain, tags)
+        nodes = fluid.cells[rows[:, None], np.array(fluid.element.facets)[local]][fluid.owned[rows]]
+        return nodes, facet_normals(self._mesh, nodes)
+
+    # -- sentences --------------------------------------------------------------------------------------------------------
+
+    @property
+    def _where(self):
+        return self._scene.source_path or "scene"
+
+    def _refuse(self, name, apart, unit, otherwise):
+        entry, place, given, wanted = apart
+        where = f"at the node ({place}) m of '{entry.tag}'"
+        received = f"received {given:g} {unit} {where}, while {entry.name} starts with {wanted:g} {unit} there"
+        key = f"{self._where} [initial.{name}.{AXES[entry.component]}]"
+        raise InputError(f"{key}: {received}, expected the same; {self._advice(otherwise)}")
+
+    def _refuse_flow(self, name, place, size):
+        received = f"received a flow of {size:g} m/s through {name} at the node ({place}) m beside what is prescribed there at 0+"
+        advice = self._advice("then the flow starts with the first step")
+        raise InputError(f"{self._where} [initial.fluid_velocity]: {received}, expected none; {advice}")
+
+    def _advice(self, otherwise):
+        if self._scene.time.consistent_start:
+            return "change one: a consistent start (time.consistent_start) begins with the prescribed velocities"
+        return f"change one, or leave out the initial value: {otherwise}"
+
+    def _refuse_jump(self, entry, place, given, wanted):
+        axis = AXES[entry.component]
+        received = f"received {wanted:g} m at 0+ at the node ({place}) m of '{entry.tag}', which is at {given:g} m"
+        advice = (
+            f"let it grow from there, as in '{wanted:g}*minimum(t/{10 * self._scene.time.step:g}, 1)', "
+            f"give initial.displacement.{axis}, or leave the inertia out (model.solid_inertia and fluid_inertia = false)"
+        )
+        raise InputError(f"{self._where} [{entry.name}]: {received}, a jump, which with inertia has no velocity; {advice}")
+
+    # -- comparison -------------------------------------------------------------------------------------------------------
+
+    def _values(self, conditions, t):
+        return [condition.values(self._mesh, t) for condition in conditions]
+
+    def _largest(self, *arrays):
+        """Return the largest absolute value on all ranks (collective)."""
+        mine = max((float(np.abs(array).max(initial=0.0)) for array in arrays), default=0.0)
+        return max(self._mesh.comm.allgather(mine))
+
+    def _first_apart(self, conditions, field, values, scale):
+        """Return `Essential`, place, present and wanted value of the first node with a difference, or None (collective)."""
+        found = []
+        for number, (condition, wanted) in enumerate(zip(conditions, values, strict=True)):
+            has = field[condition.nodes, condition.given.component]
+            apart = np.abs(has - wanted) > AGREE * scale
+            found += [(node, number, a, b) for node, a, b in zip(condition.nodes[apart], has[apart], wanted[apart], strict=True)]
+        first = first_node(self._mesh, found)
+        if first is None:
+            return None
+        place, number, has, wanted = first
+        return conditions[number].given, place, has, wanted
