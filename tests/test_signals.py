@@ -8,7 +8,9 @@ import sys
 import threading
 import time
 
+import fuzz_signals
 import pytest
+from fuzz_signals import Moment
 from running import Job, changes, command, environment, header, history, needs_mpirun, run_here, summary
 
 from porofsi_petsc import load_scene, run, signals
@@ -234,3 +236,27 @@ def test_long_commands_end_with_a_sentence(tmp_path, words):
     process.send_signal(signal.SIGINT)
     code, _, err = ended(process)
     assert code == 4 and err.startswith("error: stopped by signal SIGINT") and err.count("\n") == 1
+
+
+# -- a sample of scripts/fuzz_signals.py ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """Histories of runs that nobody disturbs, by the number of ranks."""
+    return {ranks: fuzz_signals.undisturbed(tmp_path_factory.mktemp(f"on{ranks}"), ranks) for ranks in (1, 2)}
+
+
+@needs_mpirun
+@pytest.mark.parametrize(
+    "moment",
+    [
+        Moment(1, signal.SIGKILL, "all ranks", rows=20, delay=0.01),
+        Moment(2, signal.SIGKILL, "one rank", rows=8, delay=0.02),
+        Moment(2, signal.SIGINT, "all ranks", rows=13, delay=0.0),
+    ],
+    ids=str,
+)
+def test_what_a_signal_leaves_is_continued_to_the_same_history(tmp_path, undisturbed, moment):
+    code, wrong = fuzz_signals.try_moment(moment, tmp_path / "run", undisturbed[moment.ranks])
+    assert not wrong and code != 0

@@ -168,7 +168,7 @@ class MeshMotion(Table):
 
 
 class Petsc(Table):
-    """PETSc's options as on a command line, prefixes fluid_, solid_ and mesh_."""
+    """PETSc's options as on a command line, prefixes fluid_, solid_, mesh_ and mixture_."""
 
     options: Text = ""
 
