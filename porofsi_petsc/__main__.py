@@ -115,6 +115,13 @@ def _join(context):
     return job
 
 
+def _positive(context, parameter, value):
+    """Return a finite positive number, or None where none was given."""
+    if value is not None and not 0 < value < math.inf:
+        raise click.BadParameter(f"received '{value:g}', expected a positive number such as 1e-2")
+    return value
+
+
 overrides = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one entry, e.g. time.end=0.1.")
 allow = click.option("--allow-scene-options", is_flag=True, help="Let the scene's [petsc] options name files and code too.")
 smoke = click.option("--smoke", is_flag=True, help="Apply the scene's [smoke] changes: a short run.")
@@ -135,7 +142,7 @@ def cli():
 @smoke
 @click.option("--force", is_flag=True, help="Replace existing results.")
 @click.option("--quiet", is_flag=True, help="No progress.")
-@click.option("--max-time", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS", help="Write a checkpoint and stop.")
+@click.option("--max-time", type=float, callback=_positive, metavar="SECONDS", help="Write a checkpoint and stop.")
 @allow
 @click.pass_context
 def run(context, scene, petsc_options, output, overrides, smoke, **choices):
@@ -291,13 +298,6 @@ def _factors(context, parameter, text):
     if not all(0 < factor < math.inf for factor in found):
         raise click.BadParameter(f"received '{text}', expected positive numbers such as 0.5,1,2")
     return found
-
-
-def _positive(context, parameter, value):
-    """Return a finite positive number."""
-    if not 0 < value < math.inf:
-        raise click.BadParameter(f"received '{value:g}', expected a positive number such as 1e-2")
-    return value
 
 
 @study_options("work-precision")

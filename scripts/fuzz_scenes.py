@@ -122,7 +122,9 @@ class Mutator:
         elif key in SWITCHES or isinstance(where[key], bool):
             where[key] = draw.choice((True, False, "auto"))
         elif isinstance(where[key], (int, float)):
-            where[key] = draw.choice((where[key] * 10.0 ** draw.randrange(-30, 31), -where[key], 0.0, draw.choice(NUMBERS)))
+            scale = 10.0 ** draw.randrange(-30, 31)
+            scaled = where[key] * scale if abs(where[key]) < 1e300 else where[key]
+            where[key] = draw.choice((scaled, -where[key], 0.0, draw.choice(NUMBERS)))
         else:
             tables.setdefault("model", {})[draw.choice(SWITCHES)] = draw.choice((True, False, "auto"))
 

@@ -209,6 +209,11 @@ def test_formats_without_boundaries_are_not_read(tmp_path, suffix):
     refused(path, 2, "has no named boundaries; give a mesh of cells in named groups")
 
 
+def test_a_file_of_ansys_that_does_not_end_is_refused(tmp_path):
+    (tmp_path / "a.msh").write_text("(0 grid)\n(2 2)\n(10 (0 1 4 0 2))\n(10 (1 1 4 1 2)(\n0 0\n1 0\n1 1\n0 1\n")
+    refused(tmp_path / "a.msh", 2, "not readable as a mesh")
+
+
 def test_a_file_without_coordinates(tmp_path):
     (tmp_path / "a.vol").write_text("mesh3d\ndimension\n2\npoints\n0\n")
     refused(tmp_path / "a.vol", 2, "gives no 2 coordinates for every node|not readable as a mesh")

@@ -56,7 +56,8 @@ def _read_quietly(path):
         raise InputError(f"{path}: a {path.suffix} file has no named boundaries; {advice}")
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            return meshio.read(path)
+            # of .msh files meshio would try the reader of Ansys first, which has no boundaries and no end on broken files
+            return meshio.read(path, file_format="gmsh" if path.suffix == ".msh" else None)
     except (Exception, SystemExit) as error:
         if GMSH_NUMBERS in str(error):
             raise InputError(f"{path}: some elements have no physical group; save the mesh with Mesh.SaveAll = 0") from error
