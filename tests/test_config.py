@@ -228,7 +228,9 @@ WRONG = [
     ("material.0.region=['body', 'body']", "[material.0.region]: received 'body' twice"),
     ("material.0.region=['body', 'all']", "[material.0.region]: received 'all' beside other regions"),
     (f"material.0.region='{'a' * 1000}'", "[material.0.region]: received 'aaa"),
+    ("coupling.tolerance=0.999", "[coupling.tolerance]: received 0.999, expected a number <= 0.01"),
     # boundary conditions
+    ("boundary.1.priority=0.5", "[boundary.1.priority]: received 0.5, expected a whole number"),
     ("boundary.1.on=[]", "[boundary.1.on]: received a list of length 0"),
     (BOUNDARY % "presure=0", "unknown key 'presure'; did you mean 'pressure'?"),
     (BOUNDARY % "pressure='sin(q)'", "[boundary.2.pressure]: expression 'sin(q)': unknown name 'q'"),

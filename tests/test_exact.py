@@ -14,6 +14,8 @@ from porofsi_petsc.exact import (
     Selfweight,
     StripFooting,
     Terzaghi,
+    UnconfinedCylinder,
+    UnconfinedStrip,
     XieLeo,
     confined_ratio,
 )
@@ -148,6 +150,63 @@ def test_mandel_keeps_its_force_and_its_balances(t):
     curvature = (slab_02.pressure(x + 1e-3, t) - 2 * slab_02.pressure(x, t) + slab_02.pressure(x - 1e-3, t)) / 1e-6
     p_rate_of_force = rate - curvature  # p_t = c p_xx + the rate of the stress, which depends on time only
     assert np.ptp(p_rate_of_force) < 1e-4 * np.abs(rate).max()
+
+
+NU = 0.125  # of cartilage, E = 0.675 MPa, K/μ_f = 7.6e-15 m⁴/(N s)
+SHEAR, LAMBDA = 0.675e6 / 2 / (1 + NU), 0.675e6 * NU / (1 + NU) / (1 - 2 * NU)
+BULGING = LAMBDA, SHEAR, (LAMBDA + 2 * SHEAR) * 7.6e-15
+R, STRAIN = 3.175e-3, 0.01
+
+
+def test_the_unconfined_cylinder_bulges_as_published():
+    """Armstrong, Lai & Mow 1984, their u_r(R) = R ε [ν + (1-2ν)(1-ν) Σ e^(-a² T)/(a² (1-ν)² - (1-2ν))] summed here by itself."""
+    cylinder = UnconfinedCylinder(STRAIN, R, *BULGING)
+    for t, listed in ((10.0, 0.464), (100.0, 0.382), (600.0, 0.217)):
+        a, T = cylinder.roots, BULGING[2] * t / R**2
+        published = NU + (1 - 2 * NU) * (1 - NU) * (np.exp(-(a**2) * T) / (a**2 * (1 - NU) ** 2 - (1 - 2 * NU))).sum()
+        found = cylinder.displacement(np.array([R]), t)[0] / (R * STRAIN)
+        assert found == pytest.approx(published, rel=1e-12) and found == pytest.approx(listed, abs=5e-4)  # half of the last digit
+
+
+BODIES = {"cylinder": (UnconfinedCylinder, 1), "strip": (UnconfinedStrip, 0)}
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("t", [20.0, 300.0])
+def test_unconfined_compression_keeps_its_balances(body, t):
+    """σ_r' + (σ_r - σ_θ)/r = 0, Darcy's law against the rate of the volume, a free drained side; by differences."""
+    (kind, curved), (lam, mu, c) = BODIES[body], BULGING
+    exact, r, h = kind(STRAIN, R, lam, mu, c), np.linspace(0.2, 0.9, 8) * R, 1e-4 * R
+
+    def slope(f, r):
+        return (f(r + h) - f(r - h)) / (2 * h)
+
+    u = lambda r: exact.displacement(r, t)  # noqa: E731
+    p = lambda r: exact.pressure(r, t)  # noqa: E731
+
+    def dilation(r):
+        return slope(u, r) + curved * u(r) / r
+
+    stiff = lam + 2 * mu
+    assert slope(p, r) == pytest.approx(stiff * slope(dilation, r), abs=1e-4 * stiff * STRAIN / R)  # h² and round-off of h
+    rate = (exact.displacement(r, t + 1e-3) - exact.displacement(r, t - 1e-3)) / 2e-3
+    assert rate == pytest.approx(c / stiff * slope(p, r), rel=1e-4)
+    side = np.array([R])
+    inward = (u(side) - u(side - h)) / h
+    radial = stiff * inward + lam * (curved * u(side) / R - STRAIN) - p(side)
+    assert radial == pytest.approx(0.0, abs=1e-3 * stiff * STRAIN)  # the one-sided difference, h/R
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_unconfined_compression_starts_undrained_and_ends_with_poissons_ratio(body):
+    kind, curved = BODIES[body]
+    exact, r = kind(STRAIN, R, *BULGING), np.linspace(0.1, 0.8, 5) * R
+    start, end = STRAIN * r / (1 + curved), (NU if curved else NU / (1 - NU)) * STRAIN * r
+    pressure = SHEAR * STRAIN * (1 if curved else 2)
+    assert exact.displacement(r, 0.01) == pytest.approx(start, rel=2e-3)  # the skin at the side, √T of it
+    assert exact.pressure(r, 0.01) == pytest.approx(pressure, rel=5e-3)
+    assert exact.displacement(r, 1e5) == pytest.approx(end, rel=1e-9)
+    assert np.abs(exact.pressure(r, 1e5)).max() < 1e-9 * pressure
 
 
 def test_the_strip_pressure_starts_as_the_undrained_one_and_obeys_the_load():

@@ -210,19 +210,18 @@ def test_a_jump_is_refused_when_inertia_is_switched_on_in_its_step(tmp_path):
 # -- pressure and flow ----------------------------------------------------------------------------------------------------
 
 
-def test_an_initial_pressure_is_drained_from_the_first_step_on(tmp_path):
-    """The excess pressure of a sudden load may be given or not; at the end of a step it does not pass below that of the drain."""
-    short = (*SMALL, "time.rho_inf=0.5", "time.end=0.2", "time.step=0.05", "time.growth=1.0", "reference.times=[0.05]")
-    short += ("probe.1.at=[0.05, 9.9]", "coupling.tolerance=1e-9")  # within the first element below the drain
-    found = []
-    for name, given in (("given", ("initial={pressure=1e4}",)), ("none", ())):
-        run_here(Job("terzaghi", str(tmp_path / name), (*short, *given)))
-        found.append(history(tmp_path / name))
-    given, none = found
-    assert given["base.p"][0] == 1e4 and none["base.p"][0] == 0
-    assert given["base.p"][1:].min() > 0
-    # the pressure enters the displacement by its increment in the first step, in the stabilization only
-    assert given["top.u_y"][1:] == pytest.approx(none["top.u_y"][1:], rel=0.02)
+@pytest.mark.parametrize("rho_inf", [0.0, 0.5])
+def test_an_initial_pressure_is_drained_from_the_first_step_on(rho_inf, tmp_path):
+    """The excess pressure of a sudden load may be given or not: Terzaghi's solution within the bounds of the scene.
+
+    Before, p at the end of the first step was on the line through the initial pressure, below that of the drain.
+    """
+    short = ("expect=[]", f"time.rho_inf={rho_inf}", "time.end=0.1", "reference.times=[]", "probe.1.at=[0.05, 9.99]")
+    run_here(Job("terzaghi", str(tmp_path), (*short, "initial={pressure=1e4}")))
+    p, (error,) = history(tmp_path)["base.p"], summary(tmp_path)["errors"]
+    print(p[:3], error)
+    assert p[0] == 1e4 and p[1:].min() > 0  # within the first element below the drain
+    assert error["u"] < 0.01 and error["p"] < 0.001
 
 
 def test_a_flow_that_starts_at_once_is_solenoidal_in_every_step():
@@ -243,3 +242,23 @@ def test_a_mesh_starts_where_its_boundary_is():
     coupling, _ = built(FREE, "boundary.1={on='top', displacement={x=0, y=0.1}}", "boundary.0.displacement={x=0, y='0.1*y'}")
     assert np.abs(coupling.motion.u[:, 1] - 0.1 * coupling.motion.mesh.X[:, 1]).max() < 1e-12
     assert not coupling.motion.v.any() and not coupling.fluid.v.any()
+
+
+def test_a_sudden_inflow_pushes_a_solid_by_its_volume():
+    """The fluid between inflow and solid can only go along: v_s is the inflow from the first step on, u its integral.
+
+    The velocity grows within the first step, so that half a step of the volume is missing, and hardly more later.
+    """
+    inflow = "boundary.3={on='top', velocity={x=0, y=-0.1}}"
+    coupling, scene = built(PISTON, inflow, "coupling.scheme=direct", "time.step=1e-3", "coupling.tolerance=1e-9")
+    clock, solid = Clock(scene.time), coupling.solid
+    here = np.flatnonzero(solid.domain.holds & coupling.fluid.domain.holds)
+    simpson = np.array([1, 4, 1]) / 6 @ np.eye(3)[np.argsort(solid.mesh.X[here, 0]).argsort()]
+    for step in range(1, 5):
+        dt, target = clock.next_size(), clock.next_target()
+        coupling.step(*clock.next_schemes(scene.model), clock.t, step)
+        coupling.accept()
+        clock.advance(dt, target)
+        missing = simpson @ (solid.u[here, 1] + 0.1 * clock.t) / (0.1 * dt)
+        # a wave of one step in coarse elements: the stabilization of p lets 4 % of the flow through the interface
+        assert simpson @ coupling.fluid.v[here, 1] == pytest.approx(-0.1, rel=0.05) and 0.4 < missing < 0.7

@@ -4,12 +4,12 @@ import sys
 
 import numpy as np
 import pytest
-from running import ROOT, Job, history, run_here
+from running import ROOT, Job, history, run_here, summary
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.config.tables import table
 from porofsi_petsc.errors import InputError
-from porofsi_petsc.exact import Cryer, Mandel, Seabed, StripFooting
+from porofsi_petsc.exact import Cryer, Mandel, Seabed, StripFooting, UnconfinedCylinder
 from porofsi_petsc.mesh.write import write_mesh
 from porofsi_petsc.simulation.reference import _Soil
 from porofsi_petsc.studies.bodies import sector
@@ -34,6 +34,22 @@ def test_the_plate_of_mandel_moves_as_the_exact_one():
     assert value(0.0, None) == 0.0
     for expect in (e for e in scene.expect if e.quantity == "centre.p"):
         assert slab.pressure(np.zeros(1), expect.at)[0] == pytest.approx(expect.value, rel=1e-6)  # digits of the scene
+
+
+def test_a_disc_that_is_squeezed_at_once_bulges_as_armstrong_lai_and_mow(tmp_path):
+    """The scene up to 10 s, with its bounds; its listed values are those of the exact solution."""
+    scene = load_scene("unconfined_compression")
+    cylinder = UnconfinedCylinder(scene.reference.strain, scene.reference.length, *soil(scene))
+    side, centre = np.array([scene.reference.length]), np.zeros(1)
+    values = {"side.u_x": lambda t: cylinder.displacement(side, t)[0], "centre.p": lambda t: cylinder.pressure(centre, t)[0]}
+    for expect in (e for e in scene.expect if e.quantity in values):
+        assert values[expect.quantity](expect.at) == pytest.approx(expect.value, rel=1e-6)  # digits of the scene
+    run_here(Job("unconfined_compression", str(tmp_path), ("time.end=10.0", "reference.times=[]")))
+    found, (error,) = history(tmp_path), summary(tmp_path)["errors"]
+    print(found["side.u_x"][-1], error)
+    assert found["centre.p"][1] == pytest.approx(values["centre.p"](1.0), rel=0.01)  # the undrained 3.0 kPa, before 12.1 kPa
+    assert found["side.u_x"][-1] == pytest.approx(0.464 * 0.01 * scene.reference.length, rel=0.005)
+    assert error["u"] < 0.002 and error["p"] < 0.01
 
 
 def test_the_values_of_the_strip_are_the_exact_ones():
