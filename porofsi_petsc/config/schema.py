@@ -86,6 +86,12 @@ class Scene(Table):
         return all(material.kind == "porous" for material in self.material)
 
     @property
+    def full_newton(self):
+        """Return whether tangents are new in every iteration: from rest to a steady flow a lagged one is too far away."""
+        tangent = self.coupling.tangent
+        return tangent == "newton" or (tangent == "auto" and self.time.scheme == "steady")
+
+    @property
     def source_path(self):
         """Return the path of the file the scene was loaded from, None when it was made otherwise."""
         return self._source_path
@@ -142,7 +148,7 @@ class Scene(Table):
             self._check_pores_beside_fluid()
         else:
             self._check_no_porosity()
-        if self.coupling.interface != "dirichlet_neumann":
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
             if self.phases != (True, True):
                 text = "expected a solid and a free fluid, between which it stands; leave it out"
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
@@ -168,7 +174,7 @@ class Scene(Table):
         if self.coupling.scheme in ("quasi_direct", "direct"):
             text = "with [[interface]], expected 'partitioned', 'weak' or 'one_way', or a mesh with common nodes and none"
             raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
-        if self.coupling.interface != "dirichlet_neumann":
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
             text = "with [[interface]], expected 'dirichlet_neumann', or a mesh with common nodes and none"
             raise wrong(f"received '{self.coupling.interface}' {text}", "coupling.interface")
         taken = {}

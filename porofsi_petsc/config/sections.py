@@ -140,13 +140,13 @@ class Coupling(Table):
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["iqn_ils", "aitken", "anderson", "constant", "none", "auto"] = "iqn_ils"
     reuse_steps: Annotated[int, Strict(), Field(ge=0, le=1000)] = 4
-    interface: Literal["dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "dirichlet_neumann"
+    interface: Literal["auto", "dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "auto"
     robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
     tolerance: Annotated[Positive, Field(le=1e-2)] = 1e-6
     max_iterations: Count = 60
-    tangent: Literal["lagged", "newton"] = "lagged"
+    tangent: Literal["auto", "lagged", "newton"] = "auto"
     on_failure: Literal["fall_back", "cut_step", "stop"] = "fall_back"
     max_cuts: Annotated[Count, Field(le=30)] = 4
 

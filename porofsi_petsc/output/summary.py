@@ -27,6 +27,7 @@ SUMMARY_KEYS = {
     "step_cuts": "number of times a step was repeated with a smaller step size because the coupling failed",
     "fall_backs.accelerator": "number of steps whose coupling converged with another accelerator only",
     "fall_backs.tangents": "number of steps whose coupling converged with new tangents in every sweep only",
+    "load_parts": "number of parts of the load over which steady steps were continued that did not converge at once",
     "steps_rejected": "number of times a step was repeated with a smaller step size because of time.error_tolerance",
     "time_end": "last computed time [s]",
     "wall_time.setup": "time to distribute the mesh and to build the phases [s], maximum over the ranks like all wall times",

@@ -51,8 +51,8 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
                 measures = Measures(scene, coupling, materials_of(scene, mesh))
             claim.put_aside()
             start_log(directory, comm.rank, quiet)
-            if notice:
-                logger.info(notice)
+            for said in filter(None, (notice, *coupling.notices)):
+                logger.info(said)
             summary = _Run(scene, directory, coupling, measures, stopwatch, quiet, claim).go(restart, header, max_time)
     finally:
         stop_log()
