@@ -227,19 +227,24 @@ class Figures(Table):
 
 
 # Statistics of the last full period of output.period_of -> what they are of an `output.period.Oscillation`.
-PERIODIC = {"period_mean": "mean", "period_amplitude": "amplitude", "frequency": "frequency"}
+Statistic = Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "period_max", "frequency"]
+PERIODIC = {"period_mean": "mean", "period_amplitude": "amplitude", "period_max": "largest", "frequency": "frequency"}
 
 
 class Expect(Table):
     """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value| (or times scale).
 
+    minus : a column that is taken away from the quantity;
     since : the value is the change from this time [s] to `at`; statistic : of the whole history, PERIODIC ones of its last period
     """
 
     quantity: Text
+    minus: Text | None = None
     at: Annotated[Number, Field(ge=0)] | None = None
     since: Annotated[Number, Field(ge=0)] | None = None
-    statistic: Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "frequency"] | None = None
+    statistic: Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "period_max", "frequency"] | None = (
+        None
+    )
     value: Number
     tolerance: Positive
     scale: Positive | None = None

@@ -88,7 +88,8 @@ SUMMARY_KEYS = {
     ),
     "errors": (
         "one record per time of [reference] and for the end: at (asked for) and t (end of the step) [s], relative errors u "
-        "(over the exact u) and p (over its size under the sudden load) in L2 over the mesh; empty without [reference]"
+        "or v (over the exact one) and p (over its size under the sudden load, of a flow ρU²) in L2 over the mesh; "
+        "empty without [reference]"
     ),
     "period": (
         "null without output.period_of or a full period of it; else start and end of the last one [s], change of the amplitude "
