@@ -56,6 +56,10 @@ class InputError(PorofsiError):
     exit_code = 2
 
 
+class IncompatibleData(InputError):
+    """Boundary data for which the equations have no solution, found at any time; raised on all ranks together."""
+
+
 class LimitError(InputError):
     """A term that the scene leaves out has passed its bound; raised on all ranks together, after an accepted step."""
 

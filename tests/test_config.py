@@ -256,6 +256,13 @@ WRONG = [
         "[reference.solution]: received 'xie_leo' with the laws 'linear_elastic'",
     ),
     ("expect.0.quantity=A.u_x", "[expect.0.quantity]: received 'A.u_x', which no [[probe]] records; did you mean 'A.u_y'?"),
+    ("expect.0.minus=A.u_x", "[expect.0.minus]: received 'A.u_x', which no [[probe]] records; did you mean 'A.u_y'?"),
+    (
+        "reference={solution='kovasznay', speed=1, length=1}",
+        "[reference.solution]: received 'kovasznay' with a porous material, expected a free fluid; leave the section out",
+    ),
+    ("reference={solution='taylor_green', length=1}", "[reference.speed]: received nothing, expected a positive number"),
+    ("reference={solution='terzaghi', load=1, length=1, speed=1}", "[reference.speed]: received 1, expected nothing"),
     ("expect.0.statistic=max", "[expect.0]: expected exactly one of at = TIME and statistic"),
     ("expect=[{quantity='A.u_y', statistic='frequency', value=1, tolerance=1}]", "without output.period_of, expected the column"),
     ("expect.0.value=0", "[expect.0.scale]: received nothing, expected a positive number"),

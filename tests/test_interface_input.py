@@ -44,8 +44,12 @@ WRONG = {
     "flux": ([sides("{on='foot', flux=0}"), SPLIT_FLOOR], r"\[boundary\.3\.flux\]: .*; prescribe a velocity"),
     "no slip": ([sides("{on='foot', no_slip=true}"), SPLIT_FLOOR], r"\[boundary\.3\.no_slip\]: .*; prescribe a velocity"),
     "closed fluid": (
-        [CLOSED],
-        r"\[\[boundary\]\]: received a prescribed velocity on every boundary .*, expected an open one.*; leave",
+        [CLOSED, "coupling.interface='dirichlet_neumann'"],
+        r"\[coupling\.interface\]: received 'dirichlet_neumann' with a fluid that the solid closes: .* no level; leave",
+    ),
+    "closed fluid that sees nothing": (
+        [CLOSED, "coupling.scheme='one_way'"],
+        r"\[coupling\.scheme\]: received 'one_way' with a fluid that the solid closes: .* no level; leave",
     ),
     "velocity on a solid": (
         [sides("{on='foot', velocity={x=0}}"), SPLIT_FLOOR],

@@ -9,10 +9,12 @@ import pytest
 from linalg_model import FluidBlock
 from mpi4py import MPI
 
-from porofsi_petsc.errors import InputError
+from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.linalg import options
 
 options.start()
+
+from petsc4py import PETSc  # noqa: E402
 
 from porofsi_petsc.linalg import fieldsplit  # noqa: E402
 from porofsi_petsc.linalg.solver import LinearSolver, direct_defaults  # noqa: E402
@@ -54,6 +56,27 @@ def test_iterations_are_bounded_under_refinement(monkeypatch, dim, meshes, drag_
 @pytest.mark.parametrize("step", [1e-5, 1e-4, 1e-2, 1.0])
 def test_iterations_are_bounded_for_every_step(step):
     assert iterations(2, 24, True, step=step)[0] <= 30
+
+
+@pytest.mark.parametrize("direct", [True, False])
+def test_a_solver_recovers_from_a_matrix_that_is_not_finite(direct):
+    """As after a step that diverged, where the next one is shorter; MUMPS keeps the error of its last factorization."""
+    block = FluidBlock(MPI.COMM_SELF, 2, 6, False)
+    A, rhs, defaults = block.matrix("fluid_"), block.load(), fieldsplit.fluid_defaults(2, direct)
+    options.set_defaults("fluid_", defaults)
+    fields = fieldsplit.fluid_fields(MPI.COMM_SELF, 0, len(block.X), 2, block.block_size)
+    solver = LinearSolver(A.mat, "fluid_", defaults, fields=None if direct else fields)
+    sound = A.mat.copy()
+    A.mat.scale(np.nan)
+    with pytest.raises(ConvergenceError):
+        solver.solve(rhs)
+    sound.copy(A.mat)
+    solver.refactor()
+    x = solver.solve(rhs)
+    residual = sound.createVecRight()
+    sound.mult(PETSc.Vec().createWithArray(x, comm=MPI.COMM_SELF), residual)
+    assert np.linalg.norm(residual.getArray() - np.ravel(rhs)) < 1e-3 * np.linalg.norm(rhs)
+    solver.destroy()
 
 
 def test_interpreter_exits_cleanly_with_a_living_python_preconditioner():

@@ -138,7 +138,7 @@ def test_documentation_of_the_summary_is_current():
 
 
 def expectation(**changes):
-    values = {"quantity": "B.p", "at": None, "since": None, "statistic": None, "value": 1.5}
+    values = {"quantity": "B.p", "minus": None, "at": None, "since": None, "statistic": None, "value": 1.5}
     values |= {"tolerance": 0.01, "scale": None, "source": "x"}
     return SimpleNamespace(**(values | changes))
 
@@ -165,10 +165,18 @@ def test_expectation_compares_relative_to_its_scale(changes, value, error, passe
     assert bool(failed([record])) is not passed
 
 
+def test_an_expectation_may_be_of_a_difference_of_two_columns():
+    history = HISTORY | {"C.p": np.array([1.0, 1.0, 1.0])}
+    (record,) = evaluate([expectation(minus="C.p", statistic="final", value=-4.0)], [history])
+    assert record["value"] == -4.0 and record["passed"] is True and record["quantity"] == "B.p - C.p"
+
+
 PERIOD = Period(0.5, 1.5, 0.01, {"B.p": Oscillation(-1.0, 2.0, 5.46), "A.u": Oscillation(3.0, 0.0, None)})
 
 
-@pytest.mark.parametrize(("statistic", "value"), [("period_mean", -1.0), ("period_amplitude", 2.0), ("frequency", 5.46)])
+@pytest.mark.parametrize(
+    ("statistic", "value"), [("period_mean", -1.0), ("period_amplitude", 2.0), ("period_max", 1.0), ("frequency", 5.46)]
+)
 def test_periodic_expectation_is_of_the_last_period(statistic, value):
     wrong = expectation(statistic=statistic, value=value * 1.1)
     right, missed = evaluate([expectation(statistic=statistic, value=value), wrong], [HISTORY], period=PERIOD)

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from ..errors import digits, shown
 from .types import Number, Positive, Table, list_of, wrong
 
+FLOWS = ("kovasznay", "taylor_green", "ethier_steinman")  # of a free fluid; the others are of a porous medium
 Solution = Literal[
     "column_step",
     "column_harmonic",
@@ -19,16 +20,19 @@ Solution = Literal[
     "xie_leo",
     "selfweight",
     "drained",
+    "kovasznay",
+    "taylor_green",
+    "ethier_steinman",
 ]
 HARMONIC = ("column_harmonic", "seabed")
-UNLOADED = ("selfweight", "unconfined")
+UNLOADED = ("selfweight", "unconfined", *FLOWS)
 
 
 class Reference(Table):
     """The solution, its load [Pa] and length [m]; all else comes from the scene's one material.
 
-    frequency : ω [rad/s] of HARMONIC solutions; strain : ε of unconfined; surface : height of the drained surface [m] (absent:
-    length);
+    frequency : ω [rad/s] of HARMONIC solutions; strain : ε of unconfined; speed : U [m/s] of FLOWS;
+    surface : height of the drained surface [m] (absent: length);
     times : when the errors are taken [s], beside the end.
     """
 
@@ -37,6 +41,7 @@ class Reference(Table):
     length: Positive
     frequency: Positive | None = None
     strain: Positive | None = None
+    speed: Positive | None = None
     surface: Number | None = None
     times: list_of(Annotated[Number, Field(gt=0)]) = ()
 
@@ -45,6 +50,7 @@ class Reference(Table):
         self._check("load", self.solution not in UNLOADED)
         self._check("frequency", self.solution in HARMONIC)
         self._check("strain", self.solution == "unconfined")
+        self._check("speed", self.solution in FLOWS)
         if list(self.times) != sorted(set(self.times)):
             raise wrong(f"received {shown(list(self.times))}, expected increasing numbers", "times")
         return self

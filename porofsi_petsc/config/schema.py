@@ -8,7 +8,7 @@ from ..errors import digits, shown
 from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_expressions
 from .geometry import MeshSection
 from .material import Material, check_materials
-from .reference import Reference
+from .reference import FLOWS, Reference
 from .sections import (
     LIMIT_OF,
     PERIODIC,
@@ -86,6 +86,12 @@ class Scene(Table):
         return all(material.kind == "porous" for material in self.material)
 
     @property
+    def full_newton(self):
+        """Return whether tangents are new in every iteration: from rest to a steady flow a lagged one is too far away."""
+        tangent = self.coupling.tangent
+        return tangent == "newton" or (tangent == "auto" and self.time.scheme == "steady")
+
+    @property
     def source_path(self):
         """Return the path of the file the scene was loaded from, None when it was made otherwise."""
         return self._source_path
@@ -142,7 +148,7 @@ class Scene(Table):
             self._check_pores_beside_fluid()
         else:
             self._check_no_porosity()
-        if self.coupling.interface != "dirichlet_neumann":
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
             if self.phases != (True, True):
                 text = "expected a solid and a free fluid, between which it stands; leave it out"
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
@@ -151,8 +157,6 @@ class Scene(Table):
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
         if self.model.porosity != "constant":
             raise wrong(f"received '{self.model.porosity}' without porous materials; leave it out", "model.porosity")
-        if self.reference:
-            raise wrong("received a reference without porous materials, for which there is none; leave it out", "reference")
         for i, boundary in enumerate(self.boundary):
             for name in sorted({"pressure", "flux", "no_slip"} & set(boundary.given())):
                 advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
@@ -168,7 +172,7 @@ class Scene(Table):
         if self.coupling.scheme in ("quasi_direct", "direct"):
             text = "with [[interface]], expected 'partitioned', 'weak' or 'one_way', or a mesh with common nodes and none"
             raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
-        if self.coupling.interface != "dirichlet_neumann":
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
             text = "with [[interface]], expected 'dirichlet_neumann', or a mesh with common nodes and none"
             raise wrong(f"received '{self.coupling.interface}' {text}", "coupling.interface")
         taken = {}
@@ -216,7 +220,8 @@ class Scene(Table):
             received = f"received '{self.time.scheme}' with inertia"
             text = "expected model.solid_inertia = false and model.fluid_inertia = false"
             raise wrong(f"{received}, {text}, or scheme = 'generalized_alpha'", "time.scheme")
-        if self.time.consistent_start and self.model.solid_inertia is not True:
+        alone = self.phases == (False, True)  # a free fluid has the acceleration
+        if self.time.consistent_start and (self.model.fluid_inertia if alone else self.model.solid_inertia) is not True:
             received = f"received true with model.solid_inertia = {_toml(self.model.solid_inertia)}"
             raise wrong(f"{received}, expected a skeleton that has an acceleration; leave it out", "time.consistent_start")
         if self.time.consistent_start and self.model.fluid_inertia == "auto":
@@ -250,16 +255,28 @@ class Scene(Table):
             return
         if len(self.material) != 1:
             raise wrong(f"received {len(self.material)} materials, expected one, from which the solution is made", "reference")
+        solution, kind = self.reference.solution, self.material[0].kind
+        if kind != ("fluid" if solution in FLOWS else "porous"):
+            of = "a free fluid" if solution in FLOWS else "a porous medium"
+            text = f"received '{solution}' with a {kind} material, expected {of}; leave the section out"
+            raise wrong(text, "reference.solution")
         of_one_dimension = {"mandel": 2, "strip_footing": 2, "seabed": 2, "cryer": 3}
-        if of_one_dimension.get(self.reference.solution, self.dim) != self.dim:
+        of_one_dimension |= {"kovasznay": 2, "taylor_green": 2, "ethier_steinman": 3}
+        if of_one_dimension.get(solution, self.dim) != self.dim:
             words = {2: "two", 3: "three"}
-            raise wrong(f"received '{self.reference.solution}' in a {words[self.dim]}-dimensional scene", "reference.solution")
+            raise wrong(f"received '{solution}' in a {words[self.dim]}-dimensional scene", "reference.solution")
+        if "error" in [probe.name for probe in self.probe]:
+            raise wrong("received a probe named 'error', expected another name beside [reference]", "probe")
+        if solution not in FLOWS:
+            self._check_soil()
+        elif not self.material[0].fluid.viscosity:
+            raise wrong(f"received '{solution}' with a fluid without viscosity, expected one", "reference.solution")
+
+    def _check_soil(self):
         laws = self.material[0].solid.law, self.material[0].permeability.law
         if self.reference.solution == "xie_leo" and laws != ("xie_leo", "xie_leo"):
             received = f"received 'xie_leo' with the laws '{laws[0]}' and '{laws[1]}'"
             raise wrong(f"{received}, expected 'xie_leo' for skeleton and permeability", "reference.solution")
-        if "error" in [probe.name for probe in self.probe]:
-            raise wrong("received a probe named 'error', expected another name beside [reference]", "probe")
         if self.reference.solution == "selfweight" and getattr(self.body_force.solid, "xyz"[self.dim - 1]) is None:
             raise wrong(
                 "received no vertical body_force.solid, expected the weight that 'selfweight' needs", "reference.solution"
@@ -268,11 +285,13 @@ class Scene(Table):
     def _check_expectations(self):
         recorded = self.columns
         if self.reference:
-            recorded += ["error.p"] if self.reference.solution == "strip_footing" else ["error.u", "error.p"]
+            vector = {"strip_footing": []} | dict.fromkeys(FLOWS, ["error.v"])
+            recorded += [*vector.get(self.reference.solution, ["error.u"]), "error.p"]
         for i, expect in enumerate(self.expect):
             if expect.quantity not in recorded:
                 text = f"received {shown(expect.quantity)}, which no [[probe]] records; {closest(expect.quantity, recorded)}"
                 raise wrong(text, f"expect.{i}.quantity")
+            self._check_difference(expect, f"expect.{i}.minus")
             if expect.quantity.startswith("error.") and expect.at is not None and expect.at not in self.reference.times:
                 raise wrong(
                     f"received {digits(expect.at)}, expected one of reference.times, when errors are taken", f"expect.{i}.at"
@@ -283,6 +302,16 @@ class Scene(Table):
             received = f"received {shown(self.output.period_of)}, which is not recorded"
             raise wrong(f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of")
         self._check_paths(recorded)
+
+    def _check_difference(self, expect, where):
+        if expect.minus is None:
+            return
+        if expect.minus not in self.columns:
+            text = f"received '{expect.minus}', which no [[probe]] records; {closest(expect.minus, self.columns)}"
+            raise wrong(text, where)
+        if expect.quantity not in self.columns or expect.statistic in PERIODIC:
+            text = f"received '{expect.minus}', expected two columns of history.csv and no statistic of a period; leave it out"
+            raise wrong(text, where)
 
     def _check_periodic(self, expect, where):
         if self.output.period_of is None:

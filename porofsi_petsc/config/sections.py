@@ -140,13 +140,13 @@ class Coupling(Table):
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["iqn_ils", "aitken", "anderson", "constant", "none", "auto"] = "iqn_ils"
     reuse_steps: Annotated[int, Strict(), Field(ge=0, le=1000)] = 4
-    interface: Literal["dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "dirichlet_neumann"
+    interface: Literal["auto", "dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "auto"
     robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
     tolerance: Annotated[Positive, Field(le=1e-2)] = 1e-6
     max_iterations: Count = 60
-    tangent: Literal["lagged", "newton"] = "lagged"
+    tangent: Literal["auto", "lagged", "newton"] = "auto"
     on_failure: Literal["fall_back", "cut_step", "stop"] = "fall_back"
     max_cuts: Annotated[Count, Field(le=30)] = 4
 
@@ -227,19 +227,24 @@ class Figures(Table):
 
 
 # Statistics of the last full period of output.period_of -> what they are of an `output.period.Oscillation`.
-PERIODIC = {"period_mean": "mean", "period_amplitude": "amplitude", "frequency": "frequency"}
+Statistic = Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "period_max", "frequency"]
+PERIODIC = {"period_mean": "mean", "period_amplitude": "amplitude", "period_max": "largest", "frequency": "frequency"}
 
 
 class Expect(Table):
     """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value| (or times scale).
 
+    minus : a column that is taken away from the quantity;
     since : the value is the change from this time [s] to `at`; statistic : of the whole history, PERIODIC ones of its last period
     """
 
     quantity: Text
+    minus: Text | None = None
     at: Annotated[Number, Field(ge=0)] | None = None
     since: Annotated[Number, Field(ge=0)] | None = None
-    statistic: Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "frequency"] | None = None
+    statistic: Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "period_max", "frequency"] | None = (
+        None
+    )
     value: Number
     tolerance: Positive
     scale: Positive | None = None

@@ -25,7 +25,8 @@ class Convergence:
 
     For the momentum balances it is the largest term of the present iterate: on the first one the drag of the predicted velocities
     can be 1e8 times what it is at the end (measured at k_f = 1e-12 m/s), and would let anything pass.  The terms of the volume
-    balance vanish together in an undrained motion; for it the largest term of all iterates of the step counts.
+    balance vanish together in an undrained motion; for it the largest term of all iterates of the step counts, but no more than
+    what cancels inside the present ones where that is known: an iteration that strays and comes back must not end early.
     """
 
     def __init__(self, tolerance):
@@ -49,7 +50,7 @@ class Convergence:
         for field, (residual, _) in norms.items():
             inside = EPSILON * max(0.0 if field == "volume" else drag, cancelling.get(field, 0.0))
             round_off = max(ROUND_OFF * self._largest_like(field), inside)
-            errors[field] = residual / self._scales[field] if residual > round_off else 0.0
+            errors[field] = residual / self._scale(field, cancelling) if residual > round_off else 0.0
             if not isfinite(residual):
                 what = f"the {field} residual is not finite after {len(self.history)} iterations"
                 raise ConvergenceError(what, SMALLER_STEP)
@@ -59,6 +60,10 @@ class Convergence:
             return False
         self.largest = dict(self._present)  # not of iterates that diverge, whose round-off would let the next attempt pass
         return True
+
+    def _scale(self, field, cancelling):
+        scale = self._scales[field]
+        return min(scale, cancelling.get(field) or scale) if field == "volume" else scale
 
     def _require_digits(self, round_off):
         force = max(scale for field, scale in self._scales.items() if field != "volume")

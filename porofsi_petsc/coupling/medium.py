@@ -15,10 +15,12 @@ class Medium:
     """The two phases, their convergence and their state; a scheme adds how an iteration changes the trial states.
 
     Here the skeleton carries the fluid: a porous medium.
+    load_factor : of all data of a steady scene, None of others; notices : what a run says of the scheme
     """
 
     remedies = ()  # what a step that failed is tried with, in turn: names that `remedied` takes
     tried = frozenset()  # what the run tries by itself before it gives up: remedies and "step", a smaller one
+    load_factor, notices = None, ()
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations):
         """Take the phases and what ends the iteration of a step."""

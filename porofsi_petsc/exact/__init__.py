@@ -1,4 +1,6 @@
-"""Exact solutions of porous media and of a ring in a fluid; NumPy and SciPy only, and nothing of the package: they judge it.
+"""Exact solutions of porous media, of free flows and of a ring in a fluid.
+
+NumPy and SciPy only, and nothing of the package: they judge it.
 
 In porous layers depth z [m] is measured downward from the drained surface in the reference configuration, settlement is
 positive downward and pressure in compression.  Sudden loads act from t = 0+.
@@ -8,6 +10,7 @@ from .confined import UNIAXIAL, confined_ratio
 from .consolidation import Terzaghi, XieLeo
 from .cryer import Cryer
 from .dynamic import DynamicColumn
+from .flows import EthierSteinman, Kovasznay, TaylorGreen
 from .mandel import Mandel
 from .ring import Ring
 from .seabed import Seabed
@@ -19,11 +22,14 @@ __all__ = [
     "UNIAXIAL",
     "Cryer",
     "DynamicColumn",
+    "EthierSteinman",
+    "Kovasznay",
     "Mandel",
     "Ring",
     "Seabed",
     "Selfweight",
     "StripFooting",
+    "TaylorGreen",
     "Terzaghi",
     "UnconfinedCylinder",
     "UnconfinedStrip",

@@ -40,6 +40,15 @@ class Ring:
         ratio = (self.outer / self.wall) ** (2 * self.mode)
         return self.outer / self.mode * (1 + ratio) / (1 - ratio)
 
+    def compression(self, pressure):
+        """Return the inward displacement of the outer surface under a uniform pressure on it, at rest [m] (Lamé 1852).
+
+        σ_r = A - B/r², σ_θ = A + B/r² with σ_r = 0 inside and -p outside; 2 u = A r/(λ + μ) + B/(μ r).
+        """
+        A = -pressure * self.outer**2 / (self.outer**2 - self.inner**2)
+        B = A * self.inner**2
+        return -(A * self.outer / (self.lam + self.mu) + B / (self.mu * self.outer)) / 2
+
     def frequency(self, fluid_density=0.0):
         """Return the lowest angular frequency of the mode [rad/s] under a fluid of the density [kg/m³]; 0: dry."""
         return np.sqrt(self._lowest(fluid_density)[0])

@@ -31,6 +31,11 @@ def pressure_laplacian(el):
     return laplacian(el.geometry.G, el.geometry.dV / el.rho)
 
 
+def pressure_mass(el):
+    """Return ∫ 1/ρ q p, (E, A, A) [m^(d+2)/kg]."""
+    return mass_matrix(el.N, el.geometry.dV / el.rho)
+
+
 def pressure_transport(el, f, c_f, h):
     """Return T = ∫ c_f/ν q p - ∫ 1/ν p c·∇q, (E, A, A) [m^(d+1)/kg]; h (E,) [m] the sizes of the elements.
 

@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import ConvergenceError, InputError
+from .nullspace import NullSpace, NullVector
 from .options import has_package, reason_of, set_defaults
 from .stopwatch import stage
 
@@ -37,6 +38,7 @@ class LinearSolver:
     fields         : dict name -> PETSc.IS, the splits "v" and "p" of a FieldSplit preconditioner
     preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no -pc_python_type is given:
                      of the whole matrix, or of the field "p" of a FieldSplit
+    null_vectors   : `NullVector`s of a singular matrix, orthogonal to each other
 
     Scaling.  With fields an iterative solver works on D^-½ A D^-½ with a unit diagonal, since rtol must weigh newtons and cubic
     metres per second.  The matrix is scaled in place, once for every assembly (PETSc's -ksp_diagonal_scale with _fix does it
@@ -60,6 +62,7 @@ class LinearSolver:
         near_nullspace: Sequence[np.ndarray] | None = None,
         fields: Mapping[str, PETSc.IS] | None = None,
         preconditioner: object | None = None,
+        null_vectors: Sequence[NullVector] = (),
     ):
         self.matrix, self.prefix = matrix, prefix
         self.iterations: list[int] = []
@@ -74,6 +77,7 @@ class LinearSolver:
         self._x, self._b = matrix.createVecs()
         self.ksp, self._preconditioner = _make_ksp(matrix, prefix, fields), preconditioner
         self._scaling = DiagonalScaling(matrix, fields["p"]) if fields and not self.direct else None
+        self._null = NullSpace(matrix, null_vectors, self.direct) if null_vectors else None
         if self.preconditioned_by_object and not self._splits:
             self.ksp.getPC().setPythonContext(preconditioner)
         _living.append(self)
@@ -130,6 +134,8 @@ class LinearSolver:
             b[:] = np.ravel(rhs)
         if self._scaling:
             self._scaling.apply(self._b)
+        if self._null:
+            self._null.project(self._b)
         iterations, reason = self._run()
         if reason <= 0 and not fresh:
             self.refactor()
@@ -147,8 +153,9 @@ class LinearSolver:
 
     def destroy(self) -> None:
         """Free the PETSc objects of the solver, not the matrix (collective)."""
-        for thing in (self.ksp, self._x, self._b, *([self._scaling] if self._scaling else [])):
-            thing.destroy()
+        for thing in (self.ksp, self._x, self._b, self._scaling, self._null):
+            if thing is not None:
+                thing.destroy()
         if self in _living:
             _living.remove(self)
 
@@ -174,6 +181,8 @@ class LinearSolver:
         """Set the operators and, where it is to be fresh, the preconditioner."""
         if self._scaling:
             self._scaling.scale()
+        if self._null:
+            self._null.prepare(self._scaling and self._scaling.factor)
         self.ksp.setOperators(self.matrix)
         self.ksp.getPC().setReusePreconditioner(not fresh)
         try:
@@ -212,9 +221,15 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), reason
 
     def _raise(self, reason):
+        error = self._failure(reason)
+        if self.direct:
+            self.ksp.reset()  # a factorization that failed on a matrix that is not finite fails on every later one, too
         self.refactor()
+        raise error
+
+    def _failure(self, reason):
         text = _REASONS.get(int(reason), str(reason))
-        raise ConvergenceError(
+        return ConvergenceError(
             f"linear solver {self.prefix} ({self.ksp.getType()}, {self.ksp.getPC().getType()}) failed with {text} after "
             f"{self.ksp.getIterationNumber()} iterations, residual {self.ksp.getResidualNorm():.3g} (right-hand side "
             f"{self._b.norm():.3g})",
@@ -296,6 +311,11 @@ class DiagonalScaling:
         block.setNearNullSpace(space)
         space.destroy()
         constants.destroy()
+
+    @property
+    def factor(self):
+        """Return D^-½ of the present values."""
+        return self._factor
 
     def apply(self, vector):
         """Multiply a right-hand side, or the solution of the scaled system, by D^-½ in place."""

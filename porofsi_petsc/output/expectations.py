@@ -18,7 +18,8 @@ def evaluate(expectations, histories, complete=True, period=None):
 
     Its keys: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason, source.
 
-    expectations : objects with quantity, at [s] (and since [s]) or statistic, value, tolerance, scale (None: |value|), source.
+    expectations : objects with quantity (and minus, a column that is taken from it), at [s] (and since [s]) or statistic, value,
+    tolerance, scale (None: |value|), source.
     histories : each a dict column -> (rows,), as read_history gives; the first that has the column counts.  The error is
     |computed - expected| / scale; a time that the history does not cover is skipped: passed None and a reason; so is a statistic
     of a run that did not complete.  period : the `output.period.Period` of the history, None where it has none, which skips too.
@@ -30,6 +31,10 @@ def evaluate(expectations, histories, complete=True, period=None):
     return found
 
 
+def _name(expectation):
+    return expectation.quantity if expectation.minus is None else f"{expectation.quantity} - {expectation.minus}"
+
+
 def failed(records):
     """Return the records that missed their value."""
     return [record for record in records if record["passed"] is False]
@@ -38,7 +43,7 @@ def failed(records):
 def _record(expectation, value, reason):
     error = None if value is None else _relative(abs(value - expectation.value), expectation.scale or abs(expectation.value))
     return {
-        "quantity": expectation.quantity,
+        "quantity": _name(expectation),
         "at": expectation.at,
         "since": expectation.since,
         "statistic": expectation.statistic,
@@ -61,6 +66,8 @@ def _relative(difference, scale):
 def _computed(expectation, history, complete, period):
     """Return the value and None, or None and the reason why there is none."""
     t, values = history["t"], history[expectation.quantity]
+    if expectation.minus is not None:
+        values = values - history[expectation.minus]
     if len(t) == 0:
         return None, "the history is empty"
     if expectation.at is None and not complete:

@@ -20,6 +20,11 @@ class Oscillation:
     amplitude: float
     frequency: float | None
 
+    @property
+    def largest(self):
+        """Return the largest value in the period."""
+        return self.mean + self.amplitude
+
 
 @dataclass(frozen=True)
 class Period:

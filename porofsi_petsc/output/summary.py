@@ -27,6 +27,7 @@ SUMMARY_KEYS = {
     "step_cuts": "number of times a step was repeated with a smaller step size because the coupling failed",
     "fall_backs.accelerator": "number of steps whose coupling converged with another accelerator only",
     "fall_backs.tangents": "number of steps whose coupling converged with new tangents in every sweep only",
+    "load_parts": "number of parts of the load over which steady steps were continued that did not converge at once",
     "steps_rejected": "number of times a step was repeated with a smaller step size because of time.error_tolerance",
     "time_end": "last computed time [s]",
     "wall_time.setup": "time to distribute the mesh and to build the phases [s], maximum over the ranks like all wall times",
@@ -87,7 +88,8 @@ SUMMARY_KEYS = {
     ),
     "errors": (
         "one record per time of [reference] and for the end: at (asked for) and t (end of the step) [s], relative errors u "
-        "(over the exact u) and p (over its size under the sudden load) in L2 over the mesh; empty without [reference]"
+        "or v (over the exact one) and p (over its size under the sudden load, of a flow ρU²) in L2 over the mesh; "
+        "empty without [reference]"
     ),
     "period": (
         "null without output.period_of or a full period of it; else start and end of the last one [s], change of the amplitude "

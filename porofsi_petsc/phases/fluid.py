@@ -69,7 +69,8 @@ class FluidPhase:
         balanced : whether the pressure is that of the loads at 0+; only then it starts the line on which p is at the end of a
         step, else the first one has its collocated value
         """
-        self.v[:], self.p[:], self._p0[:] = velocity, pressure, pressure
+        self.v[:], self.p[:] = velocity, pressure
+        self.p[:] = self._p0[:] = self._levelled(self.p)
         self._p0_age = 0.0 if balanced else None
         self.reset()
 
@@ -79,6 +80,10 @@ class FluidPhase:
         """Start a step from the accepted level at time t and the accepted skeleton: predictor, essential values, parameters."""
         self.scheme = scheme
         t_alpha, self._t_end = t + scheme.alpha_f * scheme.dt, t + scheme.dt
+        for part in self._setup.closed:
+            part.begin_step(t, self._t_end)
+            if not self._setup.moving_mesh:
+                part.require_balanced_data(self._t_end)
         self._v1 = scheme.predict(self.v, self.a, self.a) if self._setup.inertia else self.v.copy()
         self._p1 = self.p.copy()
         self._setup.velocity.apply(self._v1, t + scheme.dt)
@@ -91,6 +96,7 @@ class FluidPhase:
             load.add_to(self._flux, t_alpha)
         b = self._setup.body_force
         self._b = body_acceleration(self.domain, b, t_alpha) if b else self._no_body
+        self._rates = rates
         self._parameters.update(self.scheme.dt, rates, skeleton, self.v)
         if self._setup.porous:
             self._weigh_drag(skeleton)
@@ -193,6 +199,8 @@ class FluidPhase:
         """Return the `Residual`s of momentum [N] and of the volume balance [m³/s] of the trial state on the skeleton."""
         domain = self.domain
         fields = self._trial_fields(skeleton)
+        if not (self._setup.inertia or self._setup.porous):  # nothing else remembers the step before
+            self._parameters.update(self.scheme.dt, self._rates, skeleton, fields.nodal.v)
         nodal = np.zeros((domain.n_owned, kernel.term_columns(domain.dim)))
         for region, chunk in domain.chunks(self._doubles_per_cell):
             elements, terms = self._elements(region, chunk, skeleton.configuration), self._element_terms(chunk)
@@ -204,9 +212,24 @@ class FluidPhase:
         momentum_terms["traction"], volume_terms["flux"] = -self._traction, self._flux
         for boundary in self._setup.open_boundaries:
             boundary.add_to(momentum_terms["traction"], skeleton.displacement, fields.nodal.v, fields.nodal.c)
+        if self._setup.closed:
+            volume_terms["source"] = self._balancing_source(volume_terms)
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self._setup.velocity_free)
         return self._momentum, Residual(comm, volume_terms, self._setup.pressure.free)
+
+    def _balancing_source(self, terms):
+        """Return the source in closed parts that takes the net flux of their data, (n_owned, 1) [m³/s] (collective)."""
+        source = np.zeros((self.mesh.n_owned, 1))
+        for part in self._setup.closed:
+            source[:, 0] -= part.net(list(terms.values())) * part.weight
+        return source
+
+    def _levelled(self, p):
+        """Return a pressure (n_local,) with zero mean in closed parts (collective)."""
+        for part in self._setup.closed:
+            p = np.where(part.nodes, p - part.mean(p), p)
+        return p
 
     def _element_terms(self, chunk):
         """Return room for the terms of the residual of some elements, (E, A, `kernel.term_columns`)."""
@@ -334,6 +357,7 @@ class FluidPhase:
         """Add an increment on the collocation level, (n_owned, d + 1), to the trial state."""
         d = self.mesh.dim
         self.unknowns = self.unknowns + np.column_stack([increment[:, :d] / self.scheme.alpha_f, increment[:, d]])
+        self._p1 = self._levelled(self._p1)
 
     @timed("assembly")
     def _assemble(self, skeleton, rates, fields):

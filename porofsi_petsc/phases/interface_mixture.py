@@ -60,7 +60,8 @@ class InterfaceMixture:
         self.assemblies += 1
         if self.solver is None:
             # a factorization in 3-D too: this matrix has no preconditioner of its own yet
-            self.solver = LinearSolver(self._matrix.mat, self.prefix, mixture_defaults(direct=True))
+            null = self._setup.constant_pressures(self._domain, m, m - 1)
+            self.solver = LinearSolver(self._matrix.mat, self.prefix, mixture_defaults(direct=True), null_vectors=null)
         self.solver.update()
 
     def _fill(self, values, rates):

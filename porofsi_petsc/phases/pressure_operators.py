@@ -15,7 +15,7 @@ class PressureOperators:
 
     L has the conditions of the pressure where the solver knows no velocity: p = 0 weakly on an open boundary, p = α v_n on an
     interface with a Robin condition (6 iterations; with p = 0 there 8, with none 13 to 18); where the velocity is prescribed
-    there is none (Neumann).
+    there is none (Neumann).  In a closed part 1/ℓ² on top of the Laplacian, ℓ the size of the fluid, makes it regular.
     """
 
     def __init__(self, setup):
@@ -57,6 +57,9 @@ class PressureOperators:
         """Yield (slice, L (E, A, A)) with ∮ q p/(α + ρ h/γ), both resistances over the rate of the flow [kg/m²], in series."""
         for chunk, elements, _ in chunks:
             values = kernel.pressure_laplacian(elements)
+            for part in self._setup.closed:
+                inside = part.has(chunk) / self._extent**2
+                values += inside[:, None, None] * kernel.pressure_mass(elements)
             density = elements.rho.mean(axis=1)
             rate = c_f + (speed + elements.mu / (density * self._extent)) / self._extent
             here = np.flatnonzero((self._rows >= chunk.start) & (self._rows < chunk.stop))

@@ -11,6 +11,7 @@ from ..fem.essential import Dirichlet
 from ..fem.transfer import InterfaceTransfer
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import ElementMatrix
+from ..linalg.nullspace import NullVector
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
 from ..materials.elastic import ElasticLaw
@@ -135,7 +136,7 @@ class FluidSetup(PhaseSetup):
     surfaces whose normal displacement is free while no pressure is prescribed, where s vanishes weakly;
     robin : of an interface on which α v_f is added to the traction: its nodes are without slip at the end of a sweep only;
     held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every sweep;
-    open_boundaries : `fem.boundary.OpenBoundary`s of a free fluid
+    open_boundaries : `fem.boundary.OpenBoundary`s of a free fluid; closed : `fem.closed.ClosedPart`s of it
     """
 
     velocity: Dirichlet
@@ -154,6 +155,7 @@ class FluidSetup(PhaseSetup):
     robin: InterfaceMass | None = None
     held: np.ndarray | None = None
     open_boundaries: tuple = ()
+    closed: tuple = ()
 
     @property
     def viscous(self):
@@ -202,4 +204,16 @@ class FluidSetup(PhaseSetup):
         domain, mesh = self.domain, self.domain.mesh
         fields = fluid_fields(mesh.comm, domain.first, len(domain.nodes), mesh.dim, components)
         defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg, self.has_pressure_operators)
-        return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields, preconditioner=preconditioner)
+        null = self.constant_pressures(domain, components, mesh.dim)
+        return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields, preconditioner=preconditioner, null_vectors=null)
+
+    def constant_pressures(self, domain, components, p):
+        """Return the `NullVector`s of closed parts in a matrix on a domain whose nodes have the pressure as component p."""
+        return [_constant_pressure(part, domain, components, p) for part in self.closed]
+
+
+def _constant_pressure(part, domain, components, p):
+    values = np.zeros((len(domain.nodes), components))
+    values[:, p] = part.nodes[domain.nodes]
+    row = None if part.pin is None else components * int(np.searchsorted(domain.nodes, part.pin)) + p
+    return NullVector(values.ravel(), row)

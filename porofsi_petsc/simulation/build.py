@@ -124,4 +124,4 @@ def _medium(scene, domain, stopwatch):
     def accelerator(dot, name=choice.accelerator):
         return ACCELERATORS[name](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
 
-    return PorousCoupling(*common, accelerator, choice.tangent == "newton")
+    return PorousCoupling(*common, accelerator, scene.full_newton)

@@ -31,7 +31,15 @@ POSITIVE = Kind("a positive number", lambda value: _is_number(value) and value >
 COUNT = Kind("a whole number of at least 0", lambda value: type(value) is int and 0 <= value <= sys.maxsize)
 
 # A dict is a table, "*" any key, a key with "?" one that may be absent or null; a list stands for entries of one kind.
-CLOCK = {"t": SIZE, "step": COUNT, "cuts": COUNT, "nominal": POSITIVE, "target?": POSITIVE, "substep?": POSITIVE}
+CLOCK = {
+    "t": SIZE,
+    "step": COUNT,
+    "cuts": COUNT,
+    "load_parts?": COUNT,
+    "nominal": POSITIVE,
+    "target?": POSITIVE,
+    "substep?": POSITIVE,
+}
 PHASE = {"rates?": [SIZE], "built_with?": COUNT}
 COUPLING = {
     "solid": PHASE,
@@ -42,7 +50,7 @@ COUPLING = {
     "mesh?": {"smallest_ratio": NUMBER, "worst_shape": NUMBER},
     "switched?": [{"term": TEXT, "step": COUNT, "t": SIZE, "measure": TEXT, "size": NUMBER, "bound": NUMBER}],
 }
-ERROR = {"at": NUMBER, "t": NUMBER, "u?": NUMBER, "p": NUMBER, "profile": {"*": [FLOAT]}}
+ERROR = {"at": NUMBER, "t": NUMBER, "u?": NUMBER, "v?": NUMBER, "p": NUMBER, "profile": {"*": [FLOAT]}}
 MEASURES = {"sizes": {"*": EXTENT}, "roughness": SIZE, "largest_pressure": SIZE, "errors": [ERROR]}
 CONTROL = {
     "times": {"u": [SIZE], "p": [SIZE]},

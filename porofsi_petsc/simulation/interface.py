@@ -6,8 +6,8 @@ from ..config.expressions import Expression
 from ..coupling.accelerators import ACCELERATORS
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
-from ..errors import InputError
 from ..fem.boundary import InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, tags_of
+from ..fem.closed import closed_nodes
 from ..fem.domain import Domain
 from ..fem.essential import Essential
 from ..fem.transfer import InterfaceTransfer, Pair
@@ -17,8 +17,10 @@ from ..phases.interface_mixture import InterfaceMixture
 from ..phases.mesh_motion import MeshMotion
 from ..phases.setup import FluidSetup, MeshSetup, SolidSetup
 from ..phases.solid import SolidPhase
+from .closed import closed_parts, interface_scheme
 from .conditions import components, dirichlet, essentials
-from .setups import MONOLITHIC, entries, is_direct, materials_of
+from .continuation import LoadFactor
+from .setups import MONOLITHIC, is_direct, materials_of
 from .start import put_at_start
 
 # What the fluid sees of the solid in a scheme.
@@ -31,20 +33,27 @@ def interface_medium(scene, mesh, stopwatch):
     setups = builder.solid(), builder.fluid(), builder.motion()
     solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
     motion = MeshMotion(setups[2], fluid.domain, scene.model.viscosity)
-    choice, conditions, transfer = scene.coupling, builder.conditions(), builder.transfer
-    put_at_start(scene, solid, fluid, motion, transfer)
+    put_at_start(scene, solid, fluid, motion, builder.transfer)
+    coupling = _coupling(builder, setups, solid, fluid, motion)
+    coupling.load_factor, coupling.notices = builder.load_factor, builder.notices
+    return coupling
+
+
+def _coupling(builder, setups, solid, fluid, motion):
+    """Return the coupling scheme of the phases (collective)."""
+    choice, conditions, transfer = builder.scene.coupling, builder.conditions(), builder.transfer
 
     def accelerator(dot, name=choice.accelerator):
         first = conditions.first_factor if choice.relaxation is None else choice.relaxation
         return ACCELERATORS[name](dot, first, GUARD, choice.reuse_steps)
 
-    medium = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
+    medium = solid, fluid, solid.mesh.comm, choice.tolerance, choice.max_iterations
     both = {"motion": motion, "transfer": transfer}
-    if choice.scheme in MONOLITHIC:
-        mixture = InterfaceMixture(solid, fluid, motion, setups, transfer.fluid_nodes, choice.scheme == "direct")
+    if builder.scheme in MONOLITHIC:
+        mixture = InterfaceMixture(solid, fluid, motion, setups, transfer.fluid_nodes, builder.scheme == "direct")
         return InterfaceMonolithic(*medium, mixture, **both)
-    medium = *medium, accelerator, choice.tangent == "newton"
-    return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=conditions, pressure=builder.pressure, **both)
+    medium = *medium, accelerator, builder.scene.full_newton
+    return InterfaceCoupling(*medium, sees=SEES[builder.scheme], conditions=conditions, pressure=builder.pressure, **both)
 
 
 class _Builder:
@@ -52,6 +61,7 @@ class _Builder:
 
     def __init__(self, scene, mesh, stopwatch):
         self.scene, self.mesh = scene, mesh
+        self.load_factor = LoadFactor() if scene.time.scheme == "steady" else None
         self._materials = materials = materials_of(scene, mesh)
         self._free = {region: m for region, m in materials.items() if m.is_free_fluid}
         self._solids = {region: m.immersed for region, m in materials.items() if not m.is_free_fluid}
@@ -60,14 +70,17 @@ class _Builder:
         self._solid_domain, self._fluid_domain = Domain(mesh, self._solids), Domain(mesh, self._fluids)
         self._solid_tags, self._fluid_tags = (tags_of(mesh, domain.row_of_cell) for domain in self._domains)
         dense = Domain(mesh, [region for region in self._solids if region not in self._pores])
-        choice, where = scene.coupling, scene.source_path or "scene"
+        where = scene.source_path or "scene"
         pairs = [Pair(pair.fluid, pair.solid, f"{where} [interface.{i}]") for i, pair in enumerate(scene.interface)]
         self.transfer = InterfaceTransfer(mesh, dense.holds & self._fluid_domain.holds, pairs)
-        self._pair = "dirichlet_neumann" if choice.scheme in MONOLITHIC else choice.interface
+        self._velocity = self._dirichlet("velocity", self._fluid_tags)
+        self._held, self._sticks = self._dirichlet("displacement", self._solid_tags).mask, self.transfer.fluid_nodes[:, None]
+        chosen = interface_scheme(scene, self._closed_by_solid(), is_direct(mesh))
+        self.scheme, self._pair, self.notices = chosen.scheme, chosen.pair, chosen.notices
         solid_tags, fluid_tags = ([tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid"))
         solid, fluid = self._domains
         self._masses = InterfaceMass.between(fluid, solid, fluid_tags), InterfaceMass.between(solid, fluid, solid_tags)
-        self.pressure = InterfacePressure(fluid, solid, fluid_tags) if choice.scheme == "one_way" else None
+        self.pressure = InterfacePressure(fluid, solid, fluid_tags) if self.scheme == "one_way" else None
         self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
 
     @property
@@ -76,26 +89,47 @@ class _Builder:
 
     @property
     def _moving(self):
-        model = self.scene.model.moving_mesh and self.scene.coupling.scheme != "one_way"
+        model = self.scene.model.moving_mesh and self.scheme != "one_way"
         return bool(model and self._fluid_domain.n_nodes)
+
+    def _closed_by_solid(self):
+        """Return whether a part of the fluid is closed, but not by what is held or has a prescribed velocity (collective)."""
+        parts = [closed_nodes(self._fluid_domain, self._velocity.mask | known) for known in self._known]
+        return len(parts[0]) > len(parts[1])
+
+    @property
+    def _known(self):
+        """Return where the solid tells the fluid its velocity, and where that is prescribed, (n_local, d) bool."""
+        return self._sticks, self._sticks & self._held
 
     def _loads(self, tags):
         return tuple(
-            SurfaceLoad(self.mesh, tag, components(b.traction))
+            SurfaceLoad(self.mesh, tag, self._components(b.traction))
             for b in self.scene.boundary
             for tag in b.on
             if tag in tags and components(b.traction)
         )
 
     def _dirichlet(self, quantity, tags):
-        return dirichlet(self.scene, self.mesh, self.mesh.dim, essentials(self.scene, quantity, tags))
+        return dirichlet(self.scene, self.mesh, self.mesh.dim, self._essentials(quantity, tags))
+
+    def _essentials(self, quantity, tags):
+        """Return the `Essential`s on some tags, times the factor of a steady scene."""
+        found = essentials(self.scene, quantity, tags)
+        return [entry._replace(expression=self._scaled(entry.expression)) for entry in found]
+
+    def _components(self, vector):
+        return {i: self._scaled(expression) for i, expression in components(vector).items()}
+
+    def _scaled(self, expression):
+        return expression if self.load_factor is None else self.load_factor.of(expression)
 
     def solid(self):
         """Return the `SolidSetup`."""
         return SolidSetup(
             domain=self._solid_domain,
             materials=self._solids,
-            body_force=components(self.scene.body_force.solid),
+            body_force=self._components(self.scene.body_force.solid),
             inertia=self.scene.model.solid_inertia,
             moving_mesh=self._moving and bool(self._pores),
             immersed=bool(self._pores),
@@ -111,16 +145,14 @@ class _Builder:
     def fluid(self):
         """Return the `FluidSetup`, its velocity prescribed by the solid on the interface."""
         scene, mesh, stabilization = self.scene, self.mesh, self.scene.stabilization
-        velocity = self._dirichlet("velocity", self._fluid_tags)
-        if self._pair == "dirichlet_neumann" and scene.coupling.scheme not in MONOLITHIC:
-            self._require_outlet()
+        given = self._essentials("velocity", self._fluid_tags)
         return FluidSetup(
             domain=self._fluid_domain,
             materials=self._fluids,
-            body_force=components(scene.body_force.fluid),
+            body_force=self._components(scene.body_force.fluid),
             inertia=scene.model.fluid_inertia,
             moving_mesh=self._moving,
-            velocity=velocity,
+            velocity=self._velocity,
             pressure=dirichlet(scene, mesh, 1, []),
             loads=self._loads(self._fluid_tags),
             fluxes=(),
@@ -134,8 +166,9 @@ class _Builder:
             lsic=stabilization.lsic,
             undrained=False,
             robin=None if self._pair == "dirichlet_neumann" else self._masses[0],
-            held=self._dirichlet("displacement", self._solid_tags).mask,
+            held=self._held,
             open_boundaries=self._open_boundaries(),
+            closed=closed_parts(scene, self._fluid_domain, self._velocity, given, self._known[1]),
             **self._common,
         )
 
@@ -165,25 +198,10 @@ class _Builder:
         sums = self.mesh.comm.allreduce(sums)
         return sums[0], *(sums[1:] / sums[0])
 
-    def _require_outlet(self):
-        """Raise InputError where every boundary of the fluid has a prescribed velocity: the pressure has no level.
-
-        A solid that yields to the pressure gives it one, but not where the fluid is told the velocity of the interface.
-        """
-        boundary = {tag for tag in self._fluid_tags if any(tag in b.on for b in self.scene.boundary)}
-        held = {(tag, component) for tag, component, _ in entries(self.scene, "velocity")}
-        closed = all((tag, i) in held for tag in boundary for i in range(self.mesh.dim))
-        if boundary and closed:
-            received = "received a prescribed velocity on every boundary of the fluid"
-            advice = "expected an open one, because else the pressure has no level; leave a component free on one"
-            if self._solid_domain.n_nodes:
-                advice += ', or take coupling.interface = "robin_neumann" or coupling.scheme = "direct"'
-            raise InputError(f"{self.scene.source_path or 'scene'} [[boundary]]: {received}, {advice}")
-
     def motion(self):
         """Return the `MeshSetup`: a boundary of the fluid without a prescribed displacement is fixed up to the next one with."""
         section = self.scene.mesh_motion
-        given = essentials(self.scene, "displacement", self._fluid_tags)
+        given = self._essentials("displacement", self._fluid_tags)
         fixed = self._fluid_tags - {entry.tag for entry in given}
         given += [Essential(tag, i, Expression(0.0), -np.inf) for tag in fixed for i in range(self.mesh.dim)]
         poisson = section.poisson

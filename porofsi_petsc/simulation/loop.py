@@ -8,18 +8,20 @@ from mpi4py import MPI
 
 from ..clock import Steady, backward_euler, first_order, implicit_second_order, second_order
 from ..config.steps import RESOLUTION
-from ..errors import SMALLER_STEP, ConvergenceError, InputError, LimitError, Stopped
+from ..errors import SMALLER_STEP, ConvergenceError, IncompatibleData, InputError, LimitError, Stopped
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
 from ..signals import forget, noted
 from .auto import auto_terms
+from .continuation import Continuation
 from .energy import step_powers
 from .fall_back import WORDING, FallBack
 from .step_control import StepControl, StepTooLarge
 
 ABSENT_PREFIXES = ("mesh_",)  # a solver that many scenes do not have; its options may stand in a shared options file
-COLLECTIVE = (ConvergenceError, LimitError, Stopped)  # raised on all ranks together, so that what follows may be collective
+# Raised on all ranks together, so that what follows may be collective.
+COLLECTIVE = (ConvergenceError, IncompatibleData, LimitError, Stopped)
 # Size of the step that finds the accelerations at t = 0, in first steps: its own error of first order is this much smaller than
 # what second order in time allows, and u1 - u0 - dt v0 keeps enough digits for the coupling tolerance (1e-3 stalls at 4e-9).
 START = 1e-2
@@ -32,7 +34,7 @@ class Clock:
     def __init__(self, section):
         """Start at t = 0 with the [time] section of the scene."""
         self._section = section
-        self.t, self.step, self.cuts, self.nominal = 0.0, 0, 0, section.step
+        self.t, self.step, self.cuts, self.load_parts, self.nominal = 0.0, 0, 0, 0, section.step
         self.target = self.substep = None  # end and size of the parts of a nominal step that was cut
         self.fall_backs = dict.fromkeys(WORDING, 0)  # remedy -> steps that converged with it only
 
@@ -108,12 +110,12 @@ class Clock:
 
     def state(self):
         """Return the numbers a restart needs."""
-        names = ("t", "step", "cuts", "nominal", "target", "substep", "fall_backs")
+        names = ("t", "step", "cuts", "load_parts", "nominal", "target", "substep", "fall_backs")
         return {name: getattr(self, name) for name in names}
 
     def load(self, state):
         """Continue from `state`; a scene without growth keeps its own step size."""
-        self.t, self.step, self.cuts = state["t"], state["step"], state["cuts"]
+        self.t, self.step, self.cuts, self.load_parts = state["t"], state["step"], state["cuts"], state.get("load_parts", 0)
         self.target, self.substep = state["target"], state["substep"]
         self.fall_backs |= state.get("fall_backs", {})
         if self._section.growth > 1 or self._section.error_tolerance:
@@ -151,7 +153,9 @@ class TimeLoop:
         self.clock = Clock(scene.time)
         self.control = StepControl(scene.time, coupling.solid.mesh.comm) if scene.time.error_tolerance else None
         self.auto = coupling if auto_terms(scene.model) else None
-        self._fall_back = FallBack(coupling, self.clock)
+        self._solve = FallBack(coupling, self.clock).solve
+        if coupling.load_factor and scene.coupling.on_failure != "stop":
+            self._solve = Continuation(coupling, self.clock, self._solve).solve
         self.iterations = []
 
     @property
@@ -211,7 +215,7 @@ class TimeLoop:
     def _step(self, dt, target):
         clock, coupling = self.clock, self._coupling
         schemes, rates = clock.schemes(self.model, dt)
-        self._fall_back.solve(schemes, rates)
+        self._solve(schemes, rates)
         sizes = self._measures.neglected_sizes(coupling, dt)
         if self.auto and self.auto.switch(self._measures.omissions, sizes, clock):
             self._measures.remodel(self.auto.scene)

@@ -14,6 +14,7 @@ from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain
 from ..tensors import det_minus_one, transpose
 from .auto import at_start
+from .flow_reference import FlowComparison
 from .reference import Comparison
 from .setups import materials_of
 
@@ -78,7 +79,10 @@ class Measures:
         self.sizes = {omission.name: 0.0 for omission in self.omissions}
         self.roughness = self.largest_pressure = 0.0
         self._interior = self._interior_nodes()
-        self.comparison = Comparison(scene, self._solid) if scene.reference else None
+        self.comparison = self._comparison(scene) if scene.reference else None
+
+    def _comparison(self, scene):
+        return Comparison(scene, self._solid) if scene.is_porous else FlowComparison(scene, self._fluid)
 
     # -- fields -----------------------------------------------------------------------------------------------------------
 
@@ -129,7 +133,7 @@ class Measures:
     def compare(self, clock, solid, fluid):
         """Record the errors against the scene's exact solution where they are due (collective)."""
         if self.comparison:
-            self.comparison.after_step(clock, solid.u, fluid.p)
+            self.comparison.after_step(clock, solid.u if self._scene.is_porous else fluid.v, fluid.p)
 
     # -- neglected terms --------------------------------------------------------------------------------------------------
 

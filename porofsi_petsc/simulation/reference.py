@@ -258,18 +258,21 @@ class Comparison:
 
         Raises InputError where the scene has no such solution or where its profile leaves the mesh.
         """
-        self._exact, self._domain = exact_fields(scene), domain
-        self._times, self._reached = scene.reference.times, 0.0
+        self._exact = exact_fields(scene)
+        self._prepare(scene, domain)
+        share = np.linspace(0, 1, PROFILE_POINTS)[:, None]
+        self._line = (1 - share) * self._exact.line[0] + share * self._exact.line[1]
+        self._distance = share[:, 0] * np.linalg.norm(self._exact.line[1] - self._exact.line[0])
+        self._probes = self._profile_probes(scene)
+
+    def _prepare(self, scene, domain):
+        """Set the times and the quadrature over the owned elements (collective)."""
+        self._domain, self._times, self._reached, self.records = domain, scene.reference.times, 0.0, []
         rule = Rule.of(domain.element, 2 * domain.element.order + 2)
         self._cells = domain.cells[domain.owned]
         coordinates = domain.mesh.X[self._cells]
         self._N, self._dV = rule.N, geometry(rule, coordinates).dV
         self._points = (rule.N @ coordinates).reshape(-1, domain.dim)
-        share = np.linspace(0, 1, PROFILE_POINTS)[:, None]
-        self._line = (1 - share) * self._exact.line[0] + share * self._exact.line[1]
-        self._distance = share[:, 0] * np.linalg.norm(self._exact.line[1] - self._exact.line[0])
-        self._probes = self._profile_probes(scene)
-        self.records = []
 
     def _profile_probes(self, scene):
         try:
@@ -297,12 +300,14 @@ class Comparison:
 
     def table(self):
         """Return the errors as a history: t and error.u, error.p, each (records,)."""
-        columns = {"t": "at", "error.u": "u", "error.p": "p"}
+        return self._columns({"t": "at", "error.u": "u", "error.p": "p"})
+
+    def _columns(self, columns):
         return {name: np.array([record[key] for record in self.records], dtype=float) for name, key in columns.items()}
 
     def errors(self):
-        """Return at, t, u, p of every record for the summary."""
-        return [{key: record[key] for key in ("at", "t", "u", "p")} for record in self.records]
+        """Return at, t, u, v, p of every record for the summary."""
+        return [{key: record.get(key) for key in ("at", "t", "u", "v", "p")} for record in self.records]
 
     def _errors(self, t, u, p):
         found = {"u": None}

@@ -35,6 +35,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, fil
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
         "fall_backs": loop.clock.fall_backs,
+        "load_parts": loop.clock.load_parts,
         "steps_rejected": loop.control.rejections if loop.control else 0,
         "time_end": loop.clock.t,
         "wall_time": _wall_time(comm, stopwatch, coupling.solvers),

@@ -51,8 +51,8 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
                 measures = Measures(scene, coupling, materials_of(scene, mesh))
             claim.put_aside()
             start_log(directory, comm.rank, quiet)
-            if notice:
-                logger.info(notice)
+            for said in filter(None, (notice, *coupling.notices)):
+                logger.info(said)
             summary = _Run(scene, directory, coupling, measures, stopwatch, quiet, claim).go(restart, header, max_time)
     finally:
         stop_log()
@@ -168,7 +168,7 @@ class _Run:
         comparison = self.measures.comparison
         if comparison:
             histories.append(comparison.table())
-        if comparison and comparison.records:
+        if comparison and comparison.records and comparison.records[0]["profile"]:
             write_profiles(self.directory, comparison.records)
         period = self._period(histories[0])
         expectations = evaluate(self.scene.expect, histories, complete, period)
@@ -190,7 +190,7 @@ class _Run:
             summary["wall_time"]["total"],
         )
         for record in summary["errors"]:
-            u = "" if record["u"] is None else f"u {record['u']:.2g}, "
+            u = "".join(f"{name} {record[name]:.2g}, " for name in "uv" if record[name] is not None)
             logger.info("error against the exact solution at %g s: %sp %.2g", record["t"], u, record["p"])
         self._say_period(summary["period"])
         for record in summary["expectations"]:

@@ -44,7 +44,7 @@ class SceneCase:
 class OrderCase:
     """A scene on levels of refinement, each twice as fine as the one before; the errors against [reference] at the end count.
 
-    orders : field (u or p) -> (order of theory, lowest accepted: what is left of higher orders on the levels)
+    orders : field (u, v or p) -> (order of theory, lowest accepted: what is left of higher orders on the levels)
     """
 
     scene: str
@@ -76,6 +76,12 @@ def _drained(law, load, *changes):
 
 def _loaded(load):
     return f"boundary.2.traction.y={-load}", f"reference.load={load}"
+
+
+def _grid(*cells, **changes):
+    """Return the changes that make a mesh of as many cells along its axes."""
+    mesh = (f"mesh.{axis}.cells=[{count}]" for axis, count in zip("xyz", cells, strict=False))
+    return (*mesh, *(f"time.{key}={value}" for key, value in changes.items()))
 
 
 SMALL_STRAIN = ("model.moving_mesh=false", "model.porosity=constant")
@@ -144,6 +150,26 @@ CASES = {
         "xie_leo", tuple(_graded_steps(2.0, 20, 1.4, i) for i in range(3)), {"u": (2.0, 1.8), "p": (2.0, 1.8)}
     ),
     "strip_footing_domain": OrderCase("strip_footing", (DOMAIN[20], DOMAIN[40]), {"p": (1.0, 0.9)}),
+    "cavity": SceneCase("cavity", quick=True),
+    "schaefer_turek_2d1": SceneCase("schaefer_turek_2d1", quick=True),
+    "schaefer_turek_2d2": SceneCase("schaefer_turek_2d2"),
+    "kovasznay": SceneCase("kovasznay", quick=True),
+    "taylor_green": SceneCase("taylor_green", quick=True),
+    "ethier_steinman": SceneCase("ethier_steinman"),
+    "kovasznay_order_linear": OrderCase(
+        "kovasznay",
+        tuple((*_grid(24 * 2**i, 16 * 2**i), "mesh.order=1") for i in range(3)),
+        {"v": (2.0, 1.7), "p": (1.0, 0.9)},
+    ),
+    "kovasznay_order_quadratic": OrderCase(
+        "kovasznay", tuple(_grid(12 * 2**i, 8 * 2**i) for i in range(3)), {"v": (3.0, 2.7), "p": (2.0, 1.8)}
+    ),
+    "taylor_green_order_dt": OrderCase(
+        "taylor_green", tuple(_grid(16, 16, step=0.2 / 2**i) for i in range(3)), {"v": (2.0, 1.8), "p": (2.0, 1.8)}
+    ),
+    "ethier_steinman_order": OrderCase(
+        "ethier_steinman", tuple(_grid(n, n, n) for n in (3, 6)), {"v": (3.0, 2.7), "p": (2.0, 1.8)}
+    ),
 }
 
 

@@ -1,0 +1,94 @@
+"""Steady steps: where the iteration fails from the state before, along the load, from a part of it to the whole."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..errors import ConvergenceError
+from ..log import logger
+
+FIRST, SMALLEST = 0.5, 1 / 64  # parts of the load: the first one tried, and below which none is
+ADVICE = 'try a finer mesh or more coupling.max_iterations, or follow the flow in time with time.scheme = "generalized_alpha"'
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """λ times an expression of (t, x); `source` is its text, by which equal ones are known."""
+
+    factor: "LoadFactor"
+    expression: Callable
+
+    @property
+    def source(self):
+        """Return the text of the expression."""
+        return getattr(self.expression, "source", self.expression)
+
+    def __call__(self, t, X):
+        """Return the values at points X (n, d), (n,)."""
+        return self.factor.value * self.expression(t, X)
+
+
+class LoadFactor:
+    """A factor λ of all boundary data and body forces of a scene: 1, but on the way to a steady state."""
+
+    def __init__(self):
+        """Start with the whole load."""
+        self.value = 1.0
+
+    def of(self, expression):
+        """Return the expression `Scaled` by this factor."""
+        return Scaled(self, expression)
+
+
+class Continuation:
+    """Solve steady steps of a medium whose data have a `LoadFactor`.
+
+    Newton's iteration converges from near by: from rest it may not reach the flow, from the flow under a part of the load, with
+    the boundary data as the parameter of the path, it does as long as there is one.  A part that fails is halved, one that
+    succeeds is doubled.
+    """
+
+    def __init__(self, coupling, clock, solve):
+        """Take the medium, the `Clock` that counts the parts, and what solves the next step at once: (schemes, rates)."""
+        self._coupling, self._clock, self._solve, self._factor = coupling, clock, solve, coupling.load_factor
+
+    def solve(self, schemes, rates):
+        """Solve the next step; raise ConvergenceError, changing nothing, where no path leads to it (collective)."""
+        try:
+            return self._solve(schemes, rates)
+        except ConvergenceError as error:
+            failure = error
+        coupling = self._coupling
+        accepted = coupling.state(), coupling.memory()
+        try:
+            self._count(self._along(schemes, rates), failure)
+        except ConvergenceError:
+            coupling.load_state(*accepted, schemes, rates)
+            reached = f"nor does load continuation, beyond {self._reached:.3g} of the load"
+            raise ConvergenceError(f"{failure.what}; {reached}", ADVICE) from None
+        finally:
+            self._factor.value = 1.0
+
+    def _along(self, schemes, rates):
+        """Follow the path to the whole load and return the number of its parts."""
+        self._reached, part, parts, iterations = 0.0, FIRST, 0, 0
+        coupling = self._coupling
+        while self._reached < 1:
+            self._factor.value = min(self._reached + part, 1.0)
+            try:
+                coupling.reset()
+                self._solve(schemes, rates)
+            except ConvergenceError:
+                part /= 2
+                if part < SMALLEST:
+                    raise
+                continue
+            parts, iterations, self._reached, part = parts + 1, iterations + coupling.iterations, self._factor.value, 2 * part
+            if self._reached < 1:
+                coupling.accept()
+        coupling.iterations = iterations
+        return parts
+
+    def _count(self, parts, failure):
+        if not self._clock.load_parts:
+            logger.info("%s; solved by load continuation in %d parts (said once, counted in summary.json)", failure.what, parts)
+        self._clock.load_parts += parts

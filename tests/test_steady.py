@@ -1,0 +1,60 @@
+"""Steady flows: tangents and steps that nobody chose, stabilization of the flow itself, continuation along the load."""
+
+import json
+
+import pytest
+from free_flow import Flow, solved
+from manufactured import x, y
+from running import SCENES, Job, run_here
+
+from porofsi_petsc.errors import ConvergenceError
+from porofsi_petsc.output.history import read_history
+
+SCENE = str(SCENES / "free_fluid.toml")
+STEADY = ("time.scheme=steady", "model.fluid_inertia=false", "model.solid_inertia=false", "time.end=1.0", "time.step=1.0")
+STEADY += ("model.moving_mesh=false", "coupling.tangent=auto", "mesh.order=2", "mesh.x.cells=[6]", "mesh.y.cells=[6]")
+LID = "boundary=[{on=['left','right','bottom'], velocity={x=0, y=0}}, {on='top', velocity={x='16*(x*(1-x))**2', y=0}}]"
+PROBE = "probe=[{name='a', at=[0.5, 0.5], quantities=['vf_x', 'p']}]"
+
+
+def driven(folder, viscosity, *options):
+    """Run a lid-driven cavity of density 2 and return its summary and history."""
+    changes = (*STEADY, LID, PROBE, f"material.0.fluid.viscosity={viscosity}", *options)
+    summary = run_here(Job(SCENE, str(folder / "run"), changes, force=True))
+    return summary, read_history(folder / "run" / "history.csv")
+
+
+def test_a_steady_flow_does_not_know_in_how_many_steps_it_was_reached(tmp_path):
+    _, once = driven(tmp_path, 0.02, "coupling.tolerance=1e-9")
+    summary, thrice = driven(tmp_path, 0.02, "coupling.tolerance=1e-9", "time.step=0.34")
+    assert summary["steps"] == 3
+    assert thrice["coupling_iterations"][-1] == 0  # the stabilization of the flow is that of the first step already
+    assert thrice["a.vf_x"][-1] == pytest.approx(once["a.vf_x"][-1], rel=1e-8)
+
+
+def test_newton_takes_a_few_iterations_from_rest_to_a_manufactured_flow():
+    """Without a word of tangents; the derivative of the stabilization parameters is left out, which a few iterations tell."""
+    flow = Flow(2 * y**2 * (3 - 2 * y) + x * y / 5, 1 - x)
+    assert solved(flow, *STEADY, "coupling.max_iterations=8").iterations <= 8
+
+
+def test_where_newton_fails_from_rest_a_part_of_the_load_leads_to_the_flow(tmp_path):
+    """Re = 2000 on a mesh of 6 x 6: the iteration from rest diverges to 1e100, through a part of the lid's speed it does not.
+
+    What diverged may leave no mark: neither on the factorization nor on the forces whose round-off passes for a balance.
+    """
+    summary, history = driven(tmp_path, 1e-3)
+    assert summary["load_parts"] >= 2
+    text = (tmp_path / "run" / "run.log").read_text()
+    assert text.count("load continuation in") == 1
+    # slowly on the known path: a ramp of the lid over ten steps
+    ramp = LID.replace("(1-x))**2", "(1-x))**2*t")
+    _, slow = driven(tmp_path, 1e-3, ramp, "time.step=0.1")
+    assert history["a.vf_x"][-1] == pytest.approx(slow["a.vf_x"][-1], rel=1e-4)
+
+
+def test_where_no_path_leads_to_a_flow_the_run_says_how_far_it_came(tmp_path):
+    with pytest.raises(ConvergenceError, match=r"; nor does load continuation, beyond 0\.\d+ of the load; "):
+        driven(tmp_path, 1e-3, "coupling.max_iterations=7")
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["load_parts"] == 0
+    assert read_history(tmp_path / "run" / "history.csv")["t"].tolist() == [0.0]  # parts of a load are no results
