@@ -44,7 +44,7 @@ WRONG = {
     "flux": ([sides("{on='foot', flux=0}"), SPLIT_FLOOR], r"\[boundary\.3\.flux\]: .*; prescribe a velocity"),
     "no slip": ([sides("{on='foot', no_slip=true}"), SPLIT_FLOOR], r"\[boundary\.3\.no_slip\]: .*; prescribe a velocity"),
     "closed fluid": (
-        [CLOSED],
+        [CLOSED, "coupling.interface=dirichlet_neumann"],
         r"\[\[boundary\]\]: received a prescribed velocity on every boundary .*, expected an open one.*; leave",
     ),
     "velocity on a solid": (
@@ -160,7 +160,7 @@ def test_the_command_line_ends_with_two(tmp_path):
 
 def test_a_scheme_that_diverges_says_what_to_do(tmp_path):
     """Dirichlet-Neumann without relaxation under a fluid as heavy as the flap."""
-    given = "coupling.accelerator=none", "time.end=0.05"
+    given = "coupling.accelerator=none", "coupling.interface=dirichlet_neumann", "time.end=0.05"
     with pytest.raises(
         ConvergenceError, match='accelerator = "iqn_ils", .*interface = "robin_neumann" .*scheme = "direct"'
     ) as error:
@@ -182,4 +182,4 @@ def test_sweeps_that_fail_without_an_advice_keep_the_cause(tmp_path, monkeypatch
     with pytest.raises(
         ConvergenceError, match="^the sweeps of step 1 .*: its set-up failed: zero pivot; row 3; try coupling.acc"
     ):
-        run_here(Job(FLAP, str(tmp_path / "run"), ("time.end=0.01",)))
+        run_here(Job(FLAP, str(tmp_path / "run"), ("time.end=0.01", "coupling.interface=dirichlet_neumann")))

@@ -134,13 +134,16 @@ class Scene(Table):
             self._check_pores_beside_fluid()
         else:
             self._check_no_porosity()
-        if self.coupling.interface != "dirichlet_neumann":
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
             if self.phases != (True, True):
                 text = "expected a solid and a free fluid, between which it stands; leave it out"
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
             if self.time.scheme != "generalized_alpha" or not self.model.solid_inertia:
                 text = "expected 'dirichlet_neumann' without inertia of the solid, from which the other conditions are made"
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
+        if self.coupling.interface == "condensed" and self.coupling.scheme in ("weak", "one_way"):
+            text = f"expected 'dirichlet_neumann' with scheme = '{self.coupling.scheme}'; leave it out"
+            raise wrong(f"received 'condensed', {text}", "coupling.interface")
         if self.model.porosity != "constant":
             raise wrong(f"received '{self.model.porosity}' without porous materials; leave it out", "model.porosity")
         if self.reference:
@@ -160,7 +163,7 @@ class Scene(Table):
         if self.coupling.scheme in ("quasi_direct", "direct"):
             text = "with [[interface]], expected 'partitioned', 'weak' or 'one_way', or a mesh with common nodes and none"
             raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
-        if self.coupling.interface != "dirichlet_neumann":
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
             text = "with [[interface]], expected 'dirichlet_neumann', or a mesh with common nodes and none"
             raise wrong(f"received '{self.coupling.interface}' {text}", "coupling.interface")
         taken = {}

@@ -28,7 +28,8 @@ class Limits(Table):
 
     strain: max |E| of a small-strain law; mesh_displacement: max |u| over the element size when the mesh is fixed; reynolds:
     element Reynolds number without convection; inertia: inertial over largest force without inertia; porosity_change: of n_f
-    over n_f with constant porosity; viscosity: viscous over drag force without the Brinkman term.
+    over n_f with constant porosity; viscosity: viscous over drag force without the Brinkman term; locking: Poisson ratio of a
+    solid without pores on linear elements.
     """
 
     strain: Limit = 0.05
@@ -37,6 +38,7 @@ class Limits(Table):
     inertia: Limit = 0.1
     porosity_change: Limit = 0.1
     viscosity: Limit = 0.1
+    locking: Limit = 0.49
 
 
 # Bound in [limits] of every term of [model]; a term that is "auto" is switched on there.
@@ -104,7 +106,7 @@ class Coupling(Table):
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["aitken", "none", "constant", "anderson", "iqn_ils", "auto"] = "aitken"
     reuse_steps: Annotated[int, Strict(), Field(ge=0)] = 4
-    interface: Literal["dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "dirichlet_neumann"
+    interface: Literal["auto", "condensed", "dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "auto"
     robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None

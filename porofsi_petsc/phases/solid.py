@@ -18,6 +18,8 @@ from .transfer import Skeleton
 # The residual of a body that turns stays at 0.7 to 2.5 times the round-off of what cancels (measured on a slender beam, the beam
 # of the Hron-Turek channel and the ring, both last at 5e-10 and 5e-11 of the largest force).
 TURN = 4
+# λ/μ above which lagged tangents are of no use at large strain: 2ν/(1 - 2ν) at ν = 0.48.
+NEARLY_INCOMPRESSIBLE = 24
 
 
 class SolidPhase:
@@ -45,6 +47,16 @@ class SolidPhase:
     def is_linear(self):
         """Return whether the tangent depends on nothing but the rates."""
         return all(m.elastic.small_strain for m in self._setup.materials.values()) and not self._setup.moving_mesh
+
+    @property
+    def is_stiff_in_volume(self):
+        """Return whether the change of volume of a nearly incompressible material at large strain limits Newton's iteration.
+
+        A displacement that keeps the volume to first order changes it in the second, and the stress with it by λ; of a
+        tangent that is old nothing is left then.
+        """
+        laws = [material.elastic for material in self._setup.materials.values()]
+        return any(law.lam > NEARLY_INCOMPRESSIBLE * law.mu for law in laws if not law.small_strain)
 
     def set_initial(self, displacement, velocity):
         """Set displacement and velocity at the start, both (n_local, d)."""

@@ -18,6 +18,7 @@ from ..phases.mixture import DirectMixture, QuasiDirectMixture
 from ..phases.solid import SolidPhase
 from .auto import AutoMedium, auto_terms
 from .interface import interface_medium
+from .locking import require_no_locking
 from .setups import fluid_setup, materials_of, nodal_field, solid_setup
 from .sides import check_sides
 from .supports import require_supports
@@ -52,6 +53,7 @@ def serial_mesh(scene):
     if not scene.is_porous:
         check_sides(scene, mesh, kinds, where)
     require_supports(scene, mesh, kinds, where)
+    require_no_locking(scene, mesh, where)
     return mesh
 
 

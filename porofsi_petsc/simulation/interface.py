@@ -3,13 +3,16 @@
 import numpy as np
 
 from ..coupling.accelerators import ACCELERATORS
+from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
 from ..fem.boundary import Dirichlet, InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, tags_of
 from ..fem.domain import Domain
 from ..fem.transfer import InterfaceTransfer, Pair
+from ..linalg.options import are_factored
 from ..materials import MESH_MOTION
+from ..phases.condensed import CondensedSolid
 from ..phases.fluid import FluidPhase
 from ..phases.interface_mixture import InterfaceMixture
 from ..phases.mesh_motion import MeshMotion
@@ -17,6 +20,8 @@ from ..phases.setup import FluidSetup, MeshSetup, SolidSetup
 from ..phases.solid import SolidPhase
 from .setups import MONOLITHIC, components, entries, is_direct, materials_of, nodal_field
 
+# Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for each of them.
+CONDENSED = 1500
 # What the fluid sees of the solid in a scheme.
 SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
 
@@ -45,6 +50,9 @@ def interface_medium(scene, mesh, stopwatch):
     if choice.scheme in MONOLITHIC:
         mixture = InterfaceMixture(solid, fluid, motion, setups, transfer.fluid_nodes, choice.scheme == "direct")
         return InterfaceMonolithic(*medium, mixture, **both)
+    if builder.condenses:
+        answer = CondensedSolid(solid, fluid)
+        return CondensedCoupling(*medium, choice.tangent == "newton", answer=answer, **both)
     medium = *medium, accelerator, choice.tangent == "newton"
     return InterfaceCoupling(*medium, sees=SEES[choice.scheme], conditions=conditions, pressure=builder.pressure, **both)
 
@@ -65,16 +73,49 @@ class _Builder:
         choice, where = scene.coupling, scene.source_path or "scene"
         pairs = [Pair(pair.fluid, pair.solid, f"{where} [interface.{i}]") for i, pair in enumerate(scene.interface)]
         self.transfer = InterfaceTransfer(mesh, dense.holds & self._fluid_domain.holds, pairs)
-        self._pair = "dirichlet_neumann" if choice.scheme in MONOLITHIC else choice.interface
+        self._pair = self._conditions_of(choice)
         solid_tags, fluid_tags = ([tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid"))
         solid, fluid = self._domains
         self._masses = InterfaceMass.between(fluid, solid, fluid_tags), InterfaceMass.between(solid, fluid, solid_tags)
         self.pressure = InterfacePressure(fluid, solid, fluid_tags) if choice.scheme == "one_way" else None
         self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
 
+    def _conditions_of(self, choice):
+        """Return the name of the conditions on the interface (collective)."""
+        if choice.scheme in MONOLITHIC:
+            return "dirichlet_neumann"
+        if choice.interface == "auto":
+            return "condensed" if self._can_condense(choice) else "dirichlet_neumann"
+        if choice.interface == "condensed" and (missing := self._lacks_for_condensing()):
+            where = f"{self.scene.source_path or 'scene'} [coupling.interface]"
+            raise InputError(f"{where}: received 'condensed' {missing}; take 'dirichlet_neumann'")
+        return choice.interface
+
+    def _can_condense(self, choice):
+        time, inertia = self.scene.time.scheme, self.scene.model.solid_inertia
+        dynamic = choice.scheme == "partitioned" and time == "generalized_alpha" and inertia
+        return dynamic and not self.scene.interface and not self._lacks_for_condensing()
+
+    def _lacks_for_condensing(self):
+        """Return why the solid's answer is not condensed to the interface, "" where it can be (collective)."""
+        held = int(self.transfer.fluid_nodes[: self.mesh.n_owned].sum())
+        unknowns = self.mesh.dim * self.mesh.comm.allreduce(held)
+        if self._pores:
+            return "beside a porous solid, expected one without pores"
+        if not (is_direct(self.mesh) and are_factored("solid_", "fluid_")):
+            return "with iterative solvers, expected factorizations of solid and fluid (2-D, no options against them)"
+        if unknowns > CONDENSED:
+            return f"with {unknowns} unknowns on the interface, expected {CONDENSED} at most: the answer is a dense matrix"
+        return "" if unknowns else "without a node that solid and fluid share, expected an interface"
+
     @property
     def _domains(self):
         return self._solid_domain, self._fluid_domain
+
+    @property
+    def condenses(self):
+        """Return whether the fluid's matrix has the answer of the solid."""
+        return self._pair == "condensed"
 
     @property
     def _moving(self):
