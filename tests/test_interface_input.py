@@ -164,7 +164,7 @@ def test_the_command_line_ends_with_two(tmp_path):
 
 def test_a_scheme_that_diverges_says_what_to_do(tmp_path):
     """Dirichlet-Neumann without relaxation under a fluid as heavy as the flap."""
-    given = "coupling.accelerator=none", "coupling.on_failure=stop", "time.end=0.05"
+    given = "coupling.accelerator=none", "coupling.interface=dirichlet_neumann", "coupling.on_failure=stop", "time.end=0.05"
     with pytest.raises(
         ConvergenceError, match='accelerator = "iqn_ils", .*interface = "robin_neumann" .*scheme = "direct"'
     ) as error:
@@ -187,4 +187,4 @@ def test_sweeps_that_fail_without_an_advice_keep_the_cause(tmp_path, monkeypatch
         ConvergenceError, match="^the sweeps of step 1 .*: its set-up failed: zero pivot; row 3; try coupling.acc"
     ):
         given = "time.end=0.01", "coupling.accelerator=aitken", "coupling.on_failure=stop"
-        run_here(Job(FLAP, str(tmp_path / "run"), given))
+        run_here(Job(FLAP, str(tmp_path / "run"), (*given, "coupling.interface=dirichlet_neumann")))

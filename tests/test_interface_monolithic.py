@@ -25,7 +25,8 @@ def difference(a, b):
 
 
 SCHEMES = {
-    "partitioned": (),
+    "condensed": ("coupling.interface=condensed",),
+    "dirichlet_neumann": ("coupling.interface=dirichlet_neumann",),
     "quasi_direct": ("coupling.scheme=quasi_direct",),
     "robin_neumann": ("coupling.interface=robin_neumann",),
     "robin_robin": ("coupling.interface=robin_robin",),
@@ -46,7 +47,15 @@ def direct(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("scheme", "order", "steps"),
-    [("partitioned", 1, 20), ("quasi_direct", 1, 20), ("partitioned", 2, 4), ("robin_neumann", 2, 4), ("robin_robin", 2, 4)],
+    [
+        ("condensed", 1, 20),
+        ("dirichlet_neumann", 1, 20),
+        ("quasi_direct", 1, 20),
+        ("condensed", 2, 4),
+        ("dirichlet_neumann", 2, 4),
+        ("robin_neumann", 2, 4),
+        ("robin_robin", 2, 4),
+    ],
 )
 def test_all_strong_schemes_have_one_solution(tmp_path, direct, scheme, order, steps):
     """In 20 steps the tip moves by 38 % of the flap's height; residuals of 1e-11 times a condition of some hundreds: 1e-8."""

@@ -13,9 +13,13 @@ from porofsi_petsc.simulation.build import local_mesh
 FLAP = str(SCENES / "flap.toml")
 SHORT = ("output.checkpoint_every=5", "time.end=0.1", "material.0.fluid.density=200.0")
 ACCELERATORS = ("constant", "aitken", "anderson", "iqn_ils")
-CASES = {name: (f"coupling.accelerator={name}",) for name in ACCELERATORS} | {
-    "none": ("coupling.accelerator=none", "material.0.fluid.density=20.0"),
-    "newton": ("coupling.tangent=newton",),
+DIRICHLET = "coupling.interface=dirichlet_neumann"
+CASES = {name: (DIRICHLET, f"coupling.accelerator={name}") for name in ACCELERATORS} | {
+    "condensed": ("coupling.interface=condensed",),
+    "condensed, nearly incompressible": ("material.1.solid.poisson=0.4999", "limits.locking=report"),
+    "condensed, newton": ("coupling.tangent=newton",),
+    "none": (DIRICHLET, "coupling.accelerator=none", "material.0.fluid.density=20.0"),
+    "newton": (DIRICHLET, "coupling.tangent=newton"),
     "neo-Hookean mesh": ("mesh_motion.law=neo_hookean",),
     "weak": ("coupling.scheme=weak", "material.0.fluid.density=1.0"),
     "one-way": ("coupling.scheme=one_way",),
@@ -23,8 +27,8 @@ CASES = {name: (f"coupling.accelerator={name}",) for name in ACCELERATORS} | {
     "Robin-Robin": ("coupling.interface=robin_robin",),
     "quasi-direct": ("coupling.scheme=quasi_direct",),
     "direct": ("coupling.scheme=direct",),
-    "quadratic": ("mesh.order=2", "mesh.x.cells=[2, 1, 3]", "mesh.y.cells=[2, 2]"),
-    "growing steps": ("time.growth=1.1", "time.max_step=0.02"),
+    "quadratic": (DIRICHLET, "mesh.order=2", "mesh.x.cells=[2, 1, 3]", "mesh.y.cells=[2, 2]"),
+    "growing steps": (DIRICHLET, "time.growth=1.1", "time.max_step=0.02"),
 }
 
 
@@ -76,7 +80,8 @@ def test_a_mesh_that_does_not_move_has_no_worst_element(tmp_path):
 
 
 RANKS = {
-    "iqn_ils, neo-Hookean mesh": ("coupling.accelerator=iqn_ils", "mesh_motion.law=neo_hookean"),
+    "condensed": ("coupling.interface=condensed",),
+    "iqn_ils, neo-Hookean mesh": (DIRICHLET, "coupling.accelerator=iqn_ils", "mesh_motion.law=neo_hookean"),
     "Robin-Neumann": ("coupling.interface=robin_neumann",),
     "direct": ("coupling.scheme=direct",),
 }

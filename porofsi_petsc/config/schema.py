@@ -155,6 +155,9 @@ class Scene(Table):
             if self.time.scheme != "generalized_alpha" or not self.model.solid_inertia:
                 text = "expected 'dirichlet_neumann' without inertia of the solid, from which the other conditions are made"
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
+        if self.coupling.interface == "condensed" and self.coupling.scheme in ("weak", "one_way"):
+            text = f"expected 'dirichlet_neumann' with scheme = '{self.coupling.scheme}'; leave it out"
+            raise wrong(f"received 'condensed', {text}", "coupling.interface")
         if self.model.porosity != "constant":
             raise wrong(f"received '{self.model.porosity}' without porous materials; leave it out", "model.porosity")
         for i, boundary in enumerate(self.boundary):

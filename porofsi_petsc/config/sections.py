@@ -49,7 +49,7 @@ class Limits(Table):
     strain: max |E| of a small-strain law; mesh_displacement: max |∇u|, strain and rotation, when the mesh is fixed (beside a free
     fluid also |u| over its width); reynolds: element Reynolds number without convection; inertia: inertial over largest force
     without inertia; porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force without the
-    Brinkman term.
+    Brinkman term; locking: Poisson ratio of a solid without pores on linear elements.
     """
 
     strain: Limit = 0.05
@@ -58,6 +58,7 @@ class Limits(Table):
     inertia: Limit = 0.1
     porosity_change: Limit = 0.1
     viscosity: Limit = 0.1
+    locking: Limit = 0.49
 
 
 # Bound in [limits] of every term of [model]; a term that is "auto" is switched on there.
@@ -140,7 +141,7 @@ class Coupling(Table):
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["iqn_ils", "aitken", "anderson", "constant", "none", "auto"] = "iqn_ils"
     reuse_steps: Annotated[int, Strict(), Field(ge=0, le=1000)] = 4
-    interface: Literal["auto", "dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "auto"
+    interface: Literal["auto", "condensed", "dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "auto"
     robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None

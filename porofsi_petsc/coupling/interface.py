@@ -143,7 +143,8 @@ class _Sweep(PartitionedMedium):
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         self._renew_tangents(iteration, rates)
         before = self.solid.unknowns[self._rows]
-        self.fluid.correct(fluid_residuals, solid_residual.unconstrained - solid_residual.terms["interface"])
+        own = solid_residual.unconstrained - solid_residual.terms["interface"]
+        self.fluid.correct(fluid_residuals, fluid_residuals[0].unconstrained + own)
         extra = self._conditions.pull(self.fluid, self.solid)
         solid_residual = self.solid.residual(self._with_force(self.fluid.interface_force(self.carrier())))
         self.solid.correct(solid_residual.total + extra)

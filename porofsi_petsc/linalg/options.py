@@ -71,6 +71,13 @@ def set_defaults(prefix: str, defaults: Mapping[str, object]) -> None:
             database.setValue(full, None if value is None else str(value))
 
 
+def are_factored(*prefixes: str) -> bool:
+    """Return whether no option of the user makes one of these solvers, direct by default, an iterative one."""
+    given = _petsc().Options().getAll()
+    kinds = [(given.get(prefix + "ksp_type", "preonly"), given.get(prefix + "pc_type", "lu")) for prefix in prefixes]
+    return all(ksp == "preonly" and pc in ("lu", "cholesky") for ksp, pc in kinds)
+
+
 def unused_options(exempt_prefixes: Iterable[str] = ()) -> list[str]:
     """Return the options of the scene and the command line that PETSc has not asked for on any rank (collective).
 

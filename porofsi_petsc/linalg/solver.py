@@ -124,6 +124,17 @@ class LinearSolver:
         """Build the preconditioner, or the factor, anew at the next solve, of new values of the matrix or of the same."""
         self._changed = self._rebuild = True
 
+    def use(self, matrix: PETSc.Mat) -> None:
+        """Solve with the present values of another matrix of the same layout from now on; only a factorization can."""
+        if not self.direct:
+            raise InputError(
+                f'coupling.interface = "condensed": received an iterative solver -{self.prefix}…, expected a factorization; '
+                f'leave out the options -{self.prefix}… or take "dirichlet_neumann"'
+            )
+        matrix.setOptionsPrefix(self.prefix)
+        self.matrix = matrix
+        self.refactor()
+
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Return x with A x = rhs, both (owned rows,) (collective).
 

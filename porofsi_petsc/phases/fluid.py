@@ -8,6 +8,7 @@ from mpi4py import MPI
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
+from ..linalg.dense_block import DenselyCoupled
 from ..linalg.stopwatch import timed
 from .flow_fields import NodalFlow
 from .loads import body_acceleration
@@ -42,7 +43,7 @@ class FluidPhase:
         self.force, self._force0 = (np.zeros((self.mesh.n_owned, self.mesh.dim)) for _ in range(2))
         self._p0_age = None  # time from the level of _p0 to the accepted end of step [s]; None: no line through _p0
         self._rule = TangentRule(self.is_linear)
-        self._matrix = self._solver = self._pressure = None
+        self._matrix = self._solver = self._pressure = self._carrying = None
         self._parameters = StabilizationParameters(setup)
         self.robin_coefficient = 0.0  # α of a Robin condition [Pa s/m]
         self.assemblies = 0
@@ -333,17 +334,33 @@ class FluidPhase:
         """Ask for a new tangent at the start of the next step."""
         self._rule.forget()
 
-    def correct(self, residuals, counterforce=None):
+    def correct(self, residuals, on_interface=None):
         """Solve H δ = -residual and add δ to the trial state: one Newton step of the block.
 
-        counterforce : (n_owned, d) [N] what the solid's residual adds to that of an interface with a Robin condition
+        on_interface : (n_owned, d) [N] residual of an interface whose velocity is unknown, by a Robin condition
         """
         momentum, volume = residuals
         force = momentum.total
         if self._setup.robin is not None:
-            released = (self._setup.mask & ~self._setup.solver_mask)[: len(force), : force.shape[1]]
-            force = force + np.where(released, momentum.unconstrained + counterforce, 0.0)
+            force = force + np.where(self._setup.released[: len(force)], on_interface, 0.0)
         self.add(self.solve(-np.column_stack([force, volume.total])))
+
+    @property
+    def interface_unknowns(self):
+        """Return owned nodes and components, (N, 2), of the velocities of an interface that the solver finds."""
+        return np.argwhere(self._setup.released[: self.mesh.n_owned])
+
+    def carry(self, stiffness):
+        """Add a dense matrix of the interface's unknowns, rank by rank as in `interface_unknowns`, to the tangent (collective).
+
+        stiffness : (N, N) force per velocity [N s/m], the same on every rank; to be given again after every assembly
+        """
+        if self._carrying is None:
+            node, component = self.interface_unknowns.T
+            numbers = self.domain.numbering[node] * self.components + component
+            self._carrying = DenselyCoupled(self._matrix.mat, np.concatenate(self.mesh.comm.allgather(numbers)))
+        self._carrying.assemble(stiffness)
+        self._solver.use(self._carrying.mat)
 
     def solve(self, rhs):
         """Return δ with H δ = rhs, both (n_owned, d + 1): [N] and [m³/s] to [m/s] and [Pa] on the collocation level."""

@@ -186,6 +186,11 @@ class FluidSetup(PhaseSetup):
         mask[:, : self.domain.dim] = self.velocity.mask | (self.held & self.no_slip[:, None])
         return mask
 
+    @cached_property
+    def released(self):
+        """Return where the velocity of an interface is unknown to the solver, (n_local, d) bool."""
+        return (self.mask & ~self.solver_mask)[:, : self.domain.dim]
+
     def velocity_free(self, owned):
         """Return a copy of (n_owned, d) whose prescribed rows, walls included, are zero."""
         n, d = owned.shape

@@ -21,6 +21,8 @@ from .transfer import Skeleton
 TURN = 4
 # Least volume ratio of an accepted state from which on it is the deformation that inverts the next element, not the step.
 STRAINED = 0.5
+# λ/μ above which lagged tangents are of no use at large strain: 2ν/(1 - 2ν) at ν = 0.48.
+NEARLY_INCOMPRESSIBLE = 24
 
 
 class SolidPhase:
@@ -54,6 +56,16 @@ class SolidPhase:
     def is_linear(self):
         """Return whether the tangent depends on nothing but the rates."""
         return all(m.elastic.small_strain for m in self._setup.materials.values()) and not self._setup.moving_mesh
+
+    @property
+    def is_stiff_in_volume(self):
+        """Return whether the change of volume of a nearly incompressible material at large strain limits Newton's iteration.
+
+        A displacement that keeps the volume to first order changes it in the second, and the stress with it by λ; of a
+        tangent that is old nothing is left then.
+        """
+        laws = [material.elastic for material in self._setup.materials.values()]
+        return any(law.lam > NEARLY_INCOMPRESSIBLE * law.mu for law in laws if not law.small_strain)
 
     def set_initial(self, displacement, velocity):
         """Set displacement and velocity at the start, both (n_local, d); what is prescribed comes with the first step.

@@ -19,6 +19,7 @@ from ..phases.solid import SolidPhase
 from .auto import AutoMedium, auto_terms
 from .fall_back import tried_by_itself
 from .interface import interface_medium
+from .locking import require_no_locking
 from .setups import fluid_setup, materials_of, solid_setup
 from .sides import check_sides
 from .start import put_at_start
@@ -49,6 +50,7 @@ def serial_mesh(scene):
     if not scene.is_porous:
         check_sides(scene, mesh, kinds, where)
     require_supports(scene, mesh, kinds, where)
+    require_no_locking(scene, mesh, where)
     return mesh
 
 

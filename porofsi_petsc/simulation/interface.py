@@ -4,25 +4,31 @@ import numpy as np
 
 from ..config.expressions import Expression
 from ..coupling.accelerators import ACCELERATORS
+from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
+from ..errors import InputError
 from ..fem.boundary import InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, tags_of
 from ..fem.closed import closed_nodes
 from ..fem.domain import Domain
 from ..fem.essential import Essential
 from ..fem.transfer import InterfaceTransfer, Pair
+from ..linalg.options import are_factored
 from ..materials import MESH_MOTION
+from ..phases.condensed import CondensedSolid
 from ..phases.fluid import FluidPhase
 from ..phases.interface_mixture import InterfaceMixture
 from ..phases.mesh_motion import MeshMotion
 from ..phases.setup import FluidSetup, MeshSetup, SolidSetup
 from ..phases.solid import SolidPhase
-from .closed import closed_parts, interface_scheme
+from .closed import InterfaceScheme, closed_parts, interface_scheme
 from .conditions import components, dirichlet, essentials
 from .continuation import LoadFactor
 from .setups import MONOLITHIC, is_direct, materials_of
 from .start import put_at_start
 
+# Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for each of them.
+CONDENSED = 1500
 # What the fluid sees of the solid in a scheme.
 SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
 
@@ -52,6 +58,9 @@ def _coupling(builder, setups, solid, fluid, motion):
     if builder.scheme in MONOLITHIC:
         mixture = InterfaceMixture(solid, fluid, motion, setups, transfer.fluid_nodes, builder.scheme == "direct")
         return InterfaceMonolithic(*medium, mixture, **both)
+    if builder.condenses:
+        answer = CondensedSolid(solid, fluid)
+        return CondensedCoupling(*medium, builder.scene.full_newton, answer=answer, **both)
     medium = *medium, accelerator, builder.scene.full_newton
     return InterfaceCoupling(*medium, sees=SEES[builder.scheme], conditions=conditions, pressure=builder.pressure, **both)
 
@@ -75,7 +84,7 @@ class _Builder:
         self.transfer = InterfaceTransfer(mesh, dense.holds & self._fluid_domain.holds, pairs)
         self._velocity = self._dirichlet("velocity", self._fluid_tags)
         self._held, self._sticks = self._dirichlet("displacement", self._solid_tags).mask, self.transfer.fluid_nodes[:, None]
-        chosen = interface_scheme(scene, self._closed_by_solid(), is_direct(mesh))
+        chosen = self._scheme()
         self.scheme, self._pair, self.notices = chosen.scheme, chosen.pair, chosen.notices
         solid_tags, fluid_tags = ([tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid"))
         solid, fluid = self._domains
@@ -83,9 +92,41 @@ class _Builder:
         self.pressure = InterfacePressure(fluid, solid, fluid_tags) if self.scheme == "one_way" else None
         self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
 
+    def _scheme(self):
+        """Return the `closed.InterfaceScheme` of the scene (collective)."""
+        choice = self.scene.coupling
+        if choice.interface == "condensed" and (missing := self._lacks_for_condensing()):
+            where = f"{self.scene.source_path or 'scene'} [coupling.interface]"
+            raise InputError(f"{where}: received 'condensed' {missing}; take 'dirichlet_neumann'")
+        if choice.interface == "auto" and self._can_condense(choice):
+            return InterfaceScheme(choice.scheme, "condensed")
+        return interface_scheme(self.scene, self._closed_by_solid(), is_direct(self.mesh))
+
+    def _can_condense(self, choice):
+        time, inertia = self.scene.time.scheme, self.scene.model.solid_inertia
+        dynamic = choice.scheme == "partitioned" and time == "generalized_alpha" and inertia
+        return dynamic and not self.scene.interface and not self._lacks_for_condensing()
+
+    def _lacks_for_condensing(self):
+        """Return why the solid's answer is not condensed to the interface, "" where it can be (collective)."""
+        held = int(self.transfer.fluid_nodes[: self.mesh.n_owned].sum())
+        unknowns = self.mesh.dim * self.mesh.comm.allreduce(held)
+        if self._pores:
+            return "beside a porous solid, expected one without pores"
+        if not (is_direct(self.mesh) and are_factored("solid_", "fluid_")):
+            return "with iterative solvers, expected factorizations of solid and fluid (2-D, no options against them)"
+        if unknowns > CONDENSED:
+            return f"with {unknowns} unknowns on the interface, expected {CONDENSED} at most: the answer is a dense matrix"
+        return "" if unknowns else "without a node that solid and fluid share, expected an interface"
+
     @property
     def _domains(self):
         return self._solid_domain, self._fluid_domain
+
+    @property
+    def condenses(self):
+        """Return whether the fluid's matrix has the answer of the solid."""
+        return self._pair == "condensed"
 
     @property
     def _moving(self):

@@ -129,6 +129,7 @@ CASES = {
     "ehlers_eipper_1": SceneCase("ehlers_eipper", ("material.0.permeability.exponent=1.0",)),
     "ehlers_eipper_2": SceneCase("ehlers_eipper"),
     "ehlers_eipper_5": SceneCase("ehlers_eipper", ("material.0.permeability.exponent=5.0", *SLOW_DRAINAGE)),
+    "cook_membrane": SceneCase("cook_membrane", quick=True),
     "terzaghi_order_p1": OrderCase(
         "terzaghi",
         tuple(_uniform(10.0, 8 * 2**i, "mesh.order=1", *_graded_steps(20.0, 30, 1.2, i)) for i in range(3)),

@@ -1,0 +1,66 @@
+"""The partitioned iteration in which the fluid knows the whole answer of the solid to a motion of the interface."""
+
+from .accelerators import Plain
+from .interface import InterfaceMedium
+from .partitioned import PartitionedMedium
+
+
+class _CondensedSweep(PartitionedMedium):
+    """Robin-Neumann with the solid's stiffness S as the operator: one sweep is a Newton step of solid and fluid together.
+
+        fluid  R_f + R_s + S (v_f - v_s)/c_v = 0        solid  R_s + R_f = S (u_f - u_s)
+
+    with R the residuals on the interface after the interior of the solid is in equilibrium (block elimination): a solid solve
+    under the present force, û; a fluid solve with S/c_v in its matrix, right side -S û on the interface; a solid solve with the
+    force S (δv_f/c_v - û) there, which makes its velocity that of the fluid.  Each phase keeps its own matrix and solver.
+    With the same tangent in all three no added mass and no stiffness ratio is left, so nothing is accelerated: what remains is
+    the motion of the mesh, and what makes tangents old.
+    """
+
+    def __init__(self, *medium, answer):
+        """Take what `Medium` takes, whether tangents are new in every sweep, and the `phases.condensed.CondensedSolid`."""
+        *both, full_newton = medium
+        super().__init__(*both, lambda dot, name=None: Plain(dot), full_newton)
+        self._answer, self._made = answer, None
+
+    @property
+    def remedies(self):
+        """Return what a step that failed is tried with, in turn: there is nothing to accelerate."""
+        return tuple(name for name in super().remedies if name != "accelerator")
+
+    def _alternatives(self):
+        """Return name -> what to try."""
+        return {name: text for name, text in super()._alternatives().items() if name != "accelerator"}
+
+    def _dot(self, a, b):
+        return self.dot(a, b)
+
+    def _renew_tangents(self, iteration, rates):
+        """Do what `PartitionedMedium` does; a nearly incompressible solid at large strain gets new ones in every sweep."""
+        if not self.solid.is_stiff_in_volume:
+            super()._renew_tangents(iteration, rates)
+            return
+        self.solid.renew_tangent(rates)
+        self.fluid.renew_tangent(rates, self.carrier())
+
+    def _condense(self, rates):
+        """Put the answer of the solid into the matrix of the fluid where one of the tangents is new."""
+        made = self.solid.assemblies, self.fluid.assemblies
+        if made == self._made:
+            return
+        if self._made is None or made[0] != self._made[0]:
+            self._answer.renew()
+        self.fluid.carry(self._answer.stiffness / rates.c_v)
+        self._made = made
+
+    def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
+        self._renew_tangents(iteration, rates)
+        self._condense(rates)
+        alone, before = self.solid.solve(-solid_residual.total), self.fluid.flow().velocity
+        self.fluid.correct(fluid_residuals, self._answer.force(-alone))
+        moved = (self.fluid.flow().velocity - before)[: len(alone)] / rates.c_v
+        self.solid.add(alone + self.solid.solve(self._answer.force(moved - alone)))
+
+
+class CondensedCoupling(InterfaceMedium, _CondensedSweep):
+    """The partitioned iteration of conforming sides in two dimensions, strong."""
