@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from running import Job, run_here, state, summary
+from running import SCENES, Job, run_here, state, summary
 
 from porofsi_petsc.coupling.convergence import Convergence
 from porofsi_petsc.coupling.porous import PorousCoupling
 from porofsi_petsc.errors import ConvergenceError
 
 COLUMN = ("time.end=0.005", "time.step=1e-3", "time.growth=1.0", "coupling.split=plain", "coupling.accelerator=none")
+DN = "coupling.interface=dirichlet_neumann"
 CAPPED = (*COLUMN, "coupling.max_iterations=30")  # the plain split diverges without an accelerator
 
 
@@ -82,3 +83,9 @@ def test_iterates_that_diverge_do_not_let_the_next_attempt_pass():
     assert not reached(1.0, 1.0) and not reached(1e15, 1e15)
     convergence.start_step()
     assert not reached(1.0, 1.0) and not reached(1.0, 1e-3) and reached(1.0, 1e-7)
+
+
+def test_sweeps_over_an_interface_fall_back_too(tmp_path):
+    """Dirichlet-Neumann without relaxation under a fluid as heavy as the flap inverts elements of the mesh."""
+    found = fall_backs(tmp_path / "run", str(SCENES / "flap.toml"), "coupling.accelerator=none", "time.end=0.02", DN)
+    assert found["fall_backs"]["accelerator"] == found["steps"] and found["step_cuts"] == 0 and found["exit_code"] == 0
