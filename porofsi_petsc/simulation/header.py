@@ -39,6 +39,7 @@ CLOCK = {
     "nominal": POSITIVE,
     "target?": POSITIVE,
     "substep?": POSITIVE,
+    "fall_backs?": {"*": COUNT},
 }
 PHASE = {"rates?": [SIZE], "built_with?": COUNT}
 COUPLING = {
@@ -47,10 +48,10 @@ COUPLING = {
     "iterations": COUNT,
     "largest": {"*": SIZE},
     "columns?": [COUNT],
-    "mesh?": {"smallest_ratio": NUMBER, "worst_shape": NUMBER},
+    "mesh?": {"smallest_ratio": NUMBER, "worst_shape": NUMBER, "trail?": [[NUMBER]]},
     "switched?": [{"term": TEXT, "step": COUNT, "t": SIZE, "measure": TEXT, "size": NUMBER, "bound": NUMBER}],
 }
-ERROR = {"at": NUMBER, "t": NUMBER, "u?": NUMBER, "v?": NUMBER, "p": NUMBER, "profile": {"*": [FLOAT]}}
+ERROR = {"at": NUMBER, "t": NUMBER, "u?": FLOAT, "v?": FLOAT, "p": FLOAT, "profile": {"*": [FLOAT]}}
 MEASURES = {"sizes": {"*": EXTENT}, "roughness": SIZE, "largest_pressure": SIZE, "errors": [ERROR]}
 CONTROL = {
     "times": {"u": [SIZE], "p": [SIZE]},

@@ -12,7 +12,7 @@ from .header import mistake
 # Sections that decide the state itself; time, output, solver and coupling settings may change.
 FIXED = ("model", "material", "boundary", "body_force", "stabilization", "interface")
 # Of [reference]: errors before and after belong together.
-COMPARED = ("solution", "load", "length", "frequency", "strain", "surface")
+COMPARED = ("solution", "load", "length", "frequency", "strain", "speed", "surface")
 
 LIKE = re.compile(r"^(?:\w+\.tangent_(?:skeleton_)?|step_control\.)([a-z])(?:\.\d+)?$")  # names of arrays that hold a field
 
