@@ -3,7 +3,7 @@
 import re
 
 from ..config import comparable, table_contents
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..log import logger
 from ..output.checkpoint import damaged, read_arrays
 from ..output.files import parse_toml
@@ -86,7 +86,8 @@ def _require_same_scene(path, header, scene, text):
             if key.endswith(".table") and contents is not None:
                 text = "the table has other numbers than when the checkpoint was written; restart with the same table"
             else:
-                text = f"the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value"
+                both = f"the checkpoint was written with {shown(expected)}, the scene has {shown(received)}"
+                text = f"{both}; restart with the same value"
             raise InputError(f"{path} [{key}]: {text}")
 
 
