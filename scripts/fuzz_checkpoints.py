@@ -69,7 +69,7 @@ quantities = ["u_y", "vf_y"]
 checkpoint_every = 3
 fields_every = 3
 """
-WRONG = ("text", "", [], {}, True, float("nan"), float("-inf"), -7.5, 10**400, [[1]], {"a": None})  # no entry is one of these
+WRONG = ("text", "", [], {}, True, float("nan"), float("-inf"), 10**400, [[1]], {"a": None})  # no entry is one of these
 OPTIONAL = {"columns", "tables", "regions", "step_control"}  # entries that a checkpoint of an earlier version does not have
 NO_TOML = ("title = ", "[time", "\0", "a = 1\na = 2", "[[material]]\nregion = 3")
 
@@ -242,13 +242,15 @@ def remove_entry(header, rng):
 
 
 def contradict(header, rng):
-    """Let two entries say different things."""
+    """Let two entries say different things, or one what cannot be."""
     edits = [
         lambda: header.update(time=header["time"] * 1.8),
         lambda: header["clock"].update(t=header["clock"]["t"] * 1.8),
         lambda: header.update(step=header["step"] + 1),
         lambda: header["clock"].update(step=header["clock"]["step"] + 1),
         lambda: header.update(step=5.5),
+        lambda: header["clock"].update(nominal=-1e-3),
+        lambda: header["clock"].update(cuts=-1),
         lambda: header["iterations"].append(3),
         lambda: header.update(iterations="3, 3, 3"),
         lambda: header.update(mesh_hash="0" * 16),

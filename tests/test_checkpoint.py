@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
-from running import Job, by_command_line, changes, header, history, needs_mpirun, run_here, state, summary
+from running import SCENES, Job, by_command_line, changes, header, history, needs_mpirun, run_here, state, summary
 
 from porofsi_petsc.errors import ExpectationError, InputError, LimitError, PorofsiError
 from porofsi_petsc.output import figures, hdf5
@@ -23,6 +23,7 @@ from porofsi_petsc.output.figures import make_figures
 from porofsi_petsc.output.hdf5 import write_slabs
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.seal import is_sealed, seal
+from porofsi_petsc.simulation.header import HEADER, mistake
 
 SELF, WORLD = MPI.COMM_SELF, MPI.COMM_WORLD
 
@@ -153,6 +154,39 @@ def test_what_no_run_has_written_is_one_sentence_even_with_its_checksum(half, ca
     damage, sentence = INVALID[case]
     damage(Path(half.restart))
     assert refused(half, sentence).startswith(half.restart)
+
+
+def unknown(kind, value, place=()):
+    """Yield the entries of a header that `HEADER` does not have."""
+    if isinstance(kind, dict) and isinstance(value, dict):
+        kinds = {key.rstrip("?"): part for key, part in kind.items()}
+        for key, entry in value.items():
+            if key in kinds or "*" in kinds:
+                yield from unknown(kinds.get(key, kinds.get("*")), entry, (*place, key))
+            else:
+                yield (*place, key)
+    elif isinstance(kind, list) and isinstance(value, list):
+        for entry in value:
+            yield from unknown(kind[0], entry, place)
+
+
+OF_THE_FILE = ("format_version", "mesh_hash", "ranks", "nodes", "regions", "scene_name")
+SHORT = ("expect=[]", "time.step=1e-3", "time.end=2e-3", "output.checkpoint_every=1")
+EVERY_PART = {
+    "step control": ("pulse2d", (*SHORT, "mesh.order=1", "mesh.y.cells=[4]", "time.error_tolerance=1e-2")),
+    "reference": ("column_harmonic", (*SHORT, "mesh.y.cells=[4, 4]", "time.growth=1.0")),
+    "interface": (str(SCENES / "flap.toml"), SHORT),
+}
+
+
+@pytest.mark.parametrize("part", EVERY_PART)
+def test_every_entry_of_a_header_has_its_kind(tmp_path, part):
+    """What a part writes and `simulation.header` does not know would be taken back unseen."""
+    scene, overrides = EVERY_PART[part]
+    run_here(Job(scene, str(tmp_path / "run"), overrides))
+    entries = header(tmp_path / "run" / "checkpoint.h5")
+    assert {entry for entry in unknown(HEADER, entries) if entry[0] not in OF_THE_FILE} == set()
+    assert mistake(entries) == ""
 
 
 def as_before(path):

@@ -214,7 +214,7 @@ def test_end_time_output_and_solver_options_may_change(stopped, tmp_path):
     "overrides, sentence",
     [
         (["material.0.permeability.k=1e-3"], r"\[material\.0\.permeability\.k\]: the checkpoint was written with 0.01"),
-        (["model.convection=false"], r"\[model\.convection\]: the checkpoint was written with True, the scene has False"),
+        (["model.convection=false"], r"\[model\.convection\]: the checkpoint was written with true, the scene has false"),
         (["mesh.y.cells=[5]"], "belongs to another mesh"),
         (["mesh.order=2"], "belongs to another mesh"),
         (["time.end=0.009"], "the checkpoint is at t = 0.01 s, expected at most time.end = 0.009 s; raise time.end"),
@@ -237,7 +237,7 @@ def test_a_key_that_the_checkpoint_does_not_know_has_its_default(stopped, tmp_pa
         entries["scene"] = entries["scene"].replace("backflow = 0.0\n", "").replace("convection = true\n", "")
         file.attrs["header"] = json.dumps(entries)
     seal(older, MPI.COMM_SELF)
-    with pytest.raises(InputError, match=r"model\.convection.*written with False, the scene has True"):
+    with pytest.raises(InputError, match=r"model\.convection.*written with false, the scene has true"):
         run_here(replace(job, restart=str(older)))
     assert (
         run_here(replace(job, restart=str(older), overrides=(*job.overrides, "model.convection=false"), force=True))["exit_code"]

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from .files import on_root, write_text
 
 NAME = "history.csv"
-LONGEST = 60  # [characters] of a row that a message repeats
 ADVICE = "delete that line where it is damaged, or write to another directory with --output"
 
 
@@ -88,8 +87,7 @@ def _numbers(path, header, rows):
     except ValueError:
         pass
     i, row = next((i, row) for i, row in enumerate(rows) if not _is_row(row, width))
-    found = row if len(row) <= LONGEST else f"{row[:LONGEST]}…"
-    raise InputError(f"{path}: line {i + 2} is {found!r}, expected {width} numbers, the time first; {ADVICE}")
+    raise InputError(f"{path}: line {i + 2} is {shown(row)}, expected {width} numbers, the time first; {ADVICE}")
 
 
 def _is_row(row, width):

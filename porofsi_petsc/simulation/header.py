@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import NamedTuple
 
+from ..errors import shown
 from .energy import Energy
-
-LONGEST = 60  # [characters] of a value that a message repeats
 
 
 class Kind(NamedTuple):
@@ -39,6 +38,7 @@ CLOCK = {
     "nominal": POSITIVE,
     "target?": POSITIVE,
     "substep?": POSITIVE,
+    "fall_backs?": {"*": COUNT},
 }
 PHASE = {"rates?": [SIZE], "built_with?": COUNT}
 COUPLING = {
@@ -47,10 +47,10 @@ COUPLING = {
     "iterations": COUNT,
     "largest": {"*": SIZE},
     "columns?": [COUNT],
-    "mesh?": {"smallest_ratio": NUMBER, "worst_shape": NUMBER},
+    "mesh?": {"smallest_ratio": NUMBER, "worst_shape": NUMBER, "trail?": [[NUMBER]]},
     "switched?": [{"term": TEXT, "step": COUNT, "t": SIZE, "measure": TEXT, "size": NUMBER, "bound": NUMBER}],
 }
-ERROR = {"at": NUMBER, "t": NUMBER, "u?": NUMBER, "v?": NUMBER, "p": NUMBER, "profile": {"*": [FLOAT]}}
+ERROR = {"at": NUMBER, "t": NUMBER, "u?": FLOAT, "v?": FLOAT, "p": FLOAT, "profile": {"*": [FLOAT]}}
 MEASURES = {"sizes": {"*": EXTENT}, "roughness": SIZE, "largest_pressure": SIZE, "errors": [ERROR]}
 CONTROL = {
     "times": {"u": [SIZE], "p": [SIZE]},
@@ -86,9 +86,9 @@ def _mistakes(kind, value, place):
         for i, entry in enumerate(value):
             yield from _mistakes(kind[0], entry, (*place, i))
     elif isinstance(kind, (dict, list)):
-        yield f"its entry {name} is {_short(value)}, expected a {'table' if isinstance(kind, dict) else 'list'}"
+        yield f"its entry {name} is {shown(value)}, expected a {'table' if isinstance(kind, dict) else 'list'}"
     elif not kind.holds(value):
-        yield f"its entry {name} is {_short(value)}, expected {kind.name}"
+        yield f"its entry {name} is {shown(value)}, expected {kind.name}"
 
 
 def _mistakes_at(key, kind, table, place):
@@ -113,8 +113,3 @@ def _contradiction(header):
         if header[name] != value:
             return f"its entry {name} is {header[name]}, but {other} is {value}"
     return ""
-
-
-def _short(value):
-    text = repr(value)
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -3,7 +3,7 @@
 import re
 
 from ..config import comparable, table_contents
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..log import logger
 from ..output.checkpoint import damaged, read_arrays
 from ..output.files import parse_toml
@@ -12,7 +12,7 @@ from .header import mistake
 # Sections that decide the state itself; time, output, solver and coupling settings may change.
 FIXED = ("model", "material", "boundary", "body_force", "stabilization", "interface")
 # Of [reference]: errors before and after belong together.
-COMPARED = ("solution", "load", "length", "frequency", "strain", "surface")
+COMPARED = ("solution", "load", "length", "frequency", "strain", "speed", "surface")
 
 LIKE = re.compile(r"^(?:\w+\.tangent_(?:skeleton_)?|step_control\.)([a-z])(?:\.\d+)?$")  # names of arrays that hold a field
 
@@ -86,7 +86,8 @@ def _require_same_scene(path, header, scene, text):
             if key.endswith(".table") and contents is not None:
                 text = "the table has other numbers than when the checkpoint was written; restart with the same table"
             else:
-                text = f"the checkpoint was written with {expected!r}, the scene has {received!r}; restart with the same value"
+                both = f"the checkpoint was written with {shown(expected)}, the scene has {shown(received)}"
+                text = f"{both}; restart with the same value"
             raise InputError(f"{path} [{key}]: {text}")
 
 
