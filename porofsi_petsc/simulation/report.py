@@ -31,7 +31,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, fil
         "dimension": mesh.dim,
         "elements": mesh.n_cells_global,
         "nodes": mesh.n_global,
-        "unknowns": _unknowns(coupling.solid, coupling.fluid),
+        "unknowns": unknowns(coupling.solid, coupling.fluid),
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
         "fall_backs": loop.clock.fall_backs,
@@ -46,7 +46,7 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, fil
         "mesh_motion": _mesh_motion(blocks.get("mesh")),
         "energy": energy.report(),
         "peak_memory_bytes": _peak_memory(comm),
-        "modelled": _modelled(scene, loop.model),
+        "modelled": modelled(scene, loop.model),
         "switched": loop.auto.switched if loop.auto else [],
         "neglected": measures.neglected(),
         "oscillation_indicator": measures.oscillation_indicator,
@@ -56,7 +56,8 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, fil
     }
 
 
-def _unknowns(solid, fluid):
+def unknowns(solid, fluid):
+    """Return field -> number of unknowns."""
     d, n = fluid.mesh.dim, fluid.domain.n_nodes
     auxiliary = n * (fluid.components - d - 1)
     return {"displacement": solid.domain.n_nodes * d, "fluid_velocity": n * d, "pressure": n, "auxiliary": auxiliary}
@@ -94,7 +95,8 @@ def _peak_memory(comm):
     return {"max": max(everyone), "sum": sum(everyone)}
 
 
-def _modelled(scene, model):
+def modelled(scene, model):
+    """Return the names of the terms that a [model] solves, the laws and the stabilization."""
     terms = [
         name for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh") if getattr(model, name)
     ]

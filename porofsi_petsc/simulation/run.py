@@ -25,6 +25,7 @@ from .build import build_coupling, local_mesh
 from .energy import Energy
 from .loop import StopRequest, TimeLoop
 from .measures import Measures
+from .preview import preview
 from .records import Records
 from .report import summarize
 from .restart import resume
@@ -238,11 +239,6 @@ def check(scene):
     """Return a description of what a scene would solve; raises InputError as a run would (collective)."""
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     coupling = build_coupling(scene, mesh, Stopwatch())
-    Measures(scene, coupling, materials_of(scene, mesh))
+    measures = Measures(scene, coupling, materials_of(scene, mesh))
     check_probes(scene, probes_in(scene, coupling.fluid.domain), coupling.fluid.domain)
-    tags = ", ".join(sorted(mesh.facets))
-    unknowns = mesh.n_global * (2 * mesh.dim + 1)
-    return (
-        f"{scene.title}\n{mesh.n_cells_global} elements {mesh.element.name}, {mesh.n_global} nodes, {unknowns} unknowns\n"
-        f"regions: {', '.join(mesh.regions)}; boundaries: {tags}\nto t = {scene.time.end:g} s in steps of {scene.time.step:g} s"
-    )
+    return preview(scene, coupling, measures)
