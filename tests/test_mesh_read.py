@@ -201,12 +201,18 @@ def test_binary_junk_is_refused_in_a_short_line(tmp_path, capfd, suffix):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".wkt", ".tec", ".dat", ".STL"])
+@pytest.mark.parametrize("suffix", [".ply", ".wkt", ".tec", ".dat", ".STL", ".node"])
 def test_formats_without_boundaries_are_not_read(tmp_path, suffix):
     """Of broken files of these meshio's readers find no end."""
     path = tmp_path / f"a{suffix}"
     path.write_text("ply\nformat ascii 1.0\n")
     refused(path, 2, "has no named boundaries; give a mesh of cells in named groups")
+
+
+@pytest.mark.parametrize("text", ["", "BEGIN BULK\n", "ENDDATA\nBEGIN BULK\n", "BEGIN BULK\n$ nothing\n"])
+def test_a_file_of_nastran_that_does_not_end_is_refused(tmp_path, text):
+    (tmp_path / "a.bdf").write_text("$ mesh\n" + text)
+    refused(tmp_path / "a.bdf", 2, "no ENDDATA follows on the BEGIN BULK")
 
 
 def test_a_file_of_ansys_that_does_not_end_is_refused(tmp_path):

@@ -13,8 +13,9 @@ from .topology import cell_facets, facet_groups, locate_facets
 
 FACET_KINDS = {2: ("line", "line3"), 3: ("triangle", "triangle6")}
 GMSH_NUMBERS = "gmsh:physical"
-# Formats that have no named boundaries; meshio's readers of .dat, .ply, .tec and .wkt do not end on broken files.
-WITHOUT_GROUPS = (".dat", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
+# Formats that have no named boundaries; meshio's readers of most of them do not end on broken files.
+WITHOUT_GROUPS = (".dat", ".ele", ".node", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
+NASTRAN = (".bdf", ".fem", ".nas")
 NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
 
 
@@ -54,6 +55,9 @@ def _read_quietly(path):
     if path.suffix.lower() in WITHOUT_GROUPS:
         advice = "give a mesh of cells in named groups, such as Gmsh .msh 2.2 or 4.1"
         raise InputError(f"{path}: a {path.suffix} file has no named boundaries; {advice}")
+    if path.suffix.lower() in NASTRAN and b"ENDDATA" not in path.read_bytes().rpartition(b"BEGIN BULK")[2]:
+        # meshio would look for it for ever
+        raise InputError(f"{path}: no ENDDATA follows on the BEGIN BULK of the Nastran file; write the mesh again")
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             # of .msh files meshio would try the reader of Ansys first, which has no boundaries and no end on broken files
