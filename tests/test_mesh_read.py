@@ -314,6 +314,17 @@ def test_bent_plane_mesh_and_infinite_coordinates(tmp_path):
     refused_groups(tmp_path, broken, blocks(mesh), r"node 3 \(counted from 0\) has the coordinates \(nan,")
 
 
+@pytest.mark.parametrize("node", [10**12, -1])
+def test_facet_with_an_unlisted_node(tmp_path, node):
+    """The number of a node is no size of an array: 10^12 asked for a terabyte."""
+    mesh = MESHES["T3"]
+    broken = [(k, d, n, np.where(np.arange(len(c))[:, None] == 0, node, c) if n == "left" else c) for k, d, n, c in blocks(mesh)]
+    source = as_meshio(mesh.points, broken)
+    (tmp_path / "a.msh").write_text("$")
+    with mock.patch("meshio.read", lambda *_, **__: source):
+        refused(tmp_path / "a.msh", 2, r"facet \d+ \(counted from 0\) has a node missing in the file")
+
+
 def test_cell_with_an_unlisted_node(tmp_path):
     mesh = MESHES["T3"]
     write22(tmp_path / "a.msh", mesh.points, blocks(mesh))

@@ -35,7 +35,9 @@ def read_mesh(path, dim):
     points = check.plane_points(source.points, dim, path)
     names, tags = _tags(source, path)
     cells, cell_tag = _gather(source.cells, tags, (element.meshio_name,))
+    tagged_facets = _gather(source.cells, tags, FACET_KINDS[dim])
     check.require_known_nodes(points, cells, path)
+    check.require_known_nodes(points, tagged_facets[0], path, "facet")
     check.require_no_orphans(points, cells, path)
     check.require_regions_of_cells(points, cells, cell_tag, path)
     cells = check.oriented(points, cells, element, path)
@@ -44,7 +46,7 @@ def read_mesh(path, dim):
     group = facet_groups(cells, element)
     for require in (check.require_manifold, overlap.require_unfolded, overlap.require_disjoint):
         require(points, cells, element, group, path)
-    facets = _facets(points, cells, element, group, _gather(source.cells, tags, FACET_KINDS[dim]), names, path)
+    facets = _facets(points, cells, element, group, tagged_facets, names, path)
     return Mesh(points, cells, element, tuple(names[i] for i in used), cell_region, facets)
 
 
