@@ -201,12 +201,18 @@ def test_binary_junk_is_refused_in_a_short_line(tmp_path, capfd, suffix):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".wkt", ".tec", ".dat", ".STL"])
+@pytest.mark.parametrize("suffix", [".ply", ".wkt", ".tec", ".dat", ".STL", ".node"])
 def test_formats_without_boundaries_are_not_read(tmp_path, suffix):
     """Of broken files of these meshio's readers find no end."""
     path = tmp_path / f"a{suffix}"
     path.write_text("ply\nformat ascii 1.0\n")
     refused(path, 2, "has no named boundaries; give a mesh of cells in named groups")
+
+
+@pytest.mark.parametrize("text", ["", "BEGIN BULK\n", "ENDDATA\nBEGIN BULK\n", "BEGIN BULK\n$ nothing\n"])
+def test_a_file_of_nastran_that_does_not_end_is_refused(tmp_path, text):
+    (tmp_path / "a.bdf").write_text("$ mesh\n" + text)
+    refused(tmp_path / "a.bdf", 2, "no ENDDATA follows on the BEGIN BULK")
 
 
 def test_a_file_of_ansys_that_does_not_end_is_refused(tmp_path):
@@ -306,6 +312,17 @@ def test_bent_plane_mesh_and_infinite_coordinates(tmp_path):
     broken = mesh.points.copy()
     broken[3, 0] = np.nan
     refused_groups(tmp_path, broken, blocks(mesh), r"node 3 \(counted from 0\) has the coordinates \(nan,")
+
+
+@pytest.mark.parametrize("node", [10**12, -1])
+def test_facet_with_an_unlisted_node(tmp_path, node):
+    """The number of a node is no size of an array: 10^12 asked for a terabyte."""
+    mesh = MESHES["T3"]
+    broken = [(k, d, n, np.where(np.arange(len(c))[:, None] == 0, node, c) if n == "left" else c) for k, d, n, c in blocks(mesh)]
+    source = as_meshio(mesh.points, broken)
+    (tmp_path / "a.msh").write_text("$")
+    with mock.patch("meshio.read", lambda *_, **__: source):
+        refused(tmp_path / "a.msh", 2, r"facet \d+ \(counted from 0\) has a node missing in the file")
 
 
 def test_cell_with_an_unlisted_node(tmp_path):

@@ -126,11 +126,11 @@ def require_positive_jacobian(points, cells, element, where):
             )
 
 
-def require_known_nodes(points, cells, where):
-    """Raise InputError when a cell has a node that the file does not list."""
+def require_known_nodes(points, cells, where, what="cell"):
+    """Raise InputError when a cell, or what else has a row of nodes, has one that the file does not list."""
     unknown = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
     if len(unknown):
-        raise InputError(f"{where}: cell {unknown[0]} (counted from 0) has a node missing in the file; write the mesh again")
+        raise InputError(f"{where}: {what} {unknown[0]} (counted from 0) has a node missing in the file; write the mesh again")
 
 
 def require_no_orphans(points, cells, where):

@@ -13,8 +13,9 @@ from .topology import cell_facets, facet_groups, locate_facets
 
 FACET_KINDS = {2: ("line", "line3"), 3: ("triangle", "triangle6")}
 GMSH_NUMBERS = "gmsh:physical"
-# Formats that have no named boundaries; meshio's readers of .dat, .ply, .tec and .wkt do not end on broken files.
-WITHOUT_GROUPS = (".dat", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
+# Formats that have no named boundaries; meshio's readers of most of them do not end on broken files.
+WITHOUT_GROUPS = (".dat", ".ele", ".node", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
+NASTRAN = (".bdf", ".fem", ".nas")
 NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
 
 
@@ -34,7 +35,9 @@ def read_mesh(path, dim):
     points = check.plane_points(source.points, dim, path)
     names, tags = _tags(source, path)
     cells, cell_tag = _gather(source.cells, tags, (element.meshio_name,))
+    tagged_facets = _gather(source.cells, tags, FACET_KINDS[dim])
     check.require_known_nodes(points, cells, path)
+    check.require_known_nodes(points, tagged_facets[0], path, "facet")
     check.require_no_orphans(points, cells, path)
     check.require_regions_of_cells(points, cells, cell_tag, path)
     cells = check.oriented(points, cells, element, path)
@@ -43,7 +46,7 @@ def read_mesh(path, dim):
     group = facet_groups(cells, element)
     for require in (check.require_manifold, overlap.require_unfolded, overlap.require_disjoint):
         require(points, cells, element, group, path)
-    facets = _facets(points, cells, element, group, _gather(source.cells, tags, FACET_KINDS[dim]), names, path)
+    facets = _facets(points, cells, element, group, tagged_facets, names, path)
     return Mesh(points, cells, element, tuple(names[i] for i in used), cell_region, facets)
 
 
@@ -54,6 +57,9 @@ def _read_quietly(path):
     if path.suffix.lower() in WITHOUT_GROUPS:
         advice = "give a mesh of cells in named groups, such as Gmsh .msh 2.2 or 4.1"
         raise InputError(f"{path}: a {path.suffix} file has no named boundaries; {advice}")
+    if path.suffix.lower() in NASTRAN and b"ENDDATA" not in path.read_bytes().rpartition(b"BEGIN BULK")[2]:
+        # meshio would look for it for ever
+        raise InputError(f"{path}: no ENDDATA follows on the BEGIN BULK of the Nastran file; write the mesh again")
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             # of .msh files meshio would try the reader of Ansys first, which has no boundaries and no end on broken files
