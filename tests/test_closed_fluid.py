@@ -119,7 +119,7 @@ def test_a_closed_box_in_motion_is_no_net_flux_and_a_piston_in_it_is_one():
     wall = "displacement={x='3*t**2', y='0'}, velocity={x='6*t', y='0'}"
     box = f"boundary=[{{on=['left', 'right', 'bottom', 'top'], {wall}}}]"
     rest = "displacement={x='0', y='0'}, velocity={x='0', y='0'}"
-    piston = f"boundary=[{{on='left', {wall}}}, {{on=['right', 'bottom', 'top'], {rest}}}]"
+    piston = f"boundary=[{{on='left', {wall}, priority=1}}, {{on=['right', 'bottom', 'top'], {rest}}}]"
     run_moving(box)
     with pytest.raises(IncompatibleData, match="into a fluid closed all around at t = 0.05 s"):
         run_moving(piston)
