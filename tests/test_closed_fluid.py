@@ -107,7 +107,7 @@ def test_data_with_a_net_flux_are_refused_with_the_number(data, net):
 
 
 def test_a_net_flux_that_only_a_step_meets_ends_the_run(tmp_path):
-    """Before a run its data are looked at in eighths of it; the end of step 3 lies between."""
+    """Before a run its data are looked at in sixteenths of it; the end of step 3 lies between."""
     pulse = sides(left="6*y*(1-y)*where(abs(t-0.15)<1e-3, 1, 0)")
     with pytest.raises(IncompatibleData, match="carry 1 m²/s into .* at t = 0.15 s"):
         run_here(Job(SCENE, str(tmp_path / "run"), (*AT_REST, "mesh.order=2", "time.end=0.5", pulse)))
