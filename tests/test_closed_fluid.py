@@ -107,7 +107,7 @@ def test_data_with_a_net_flux_are_refused_with_the_number(data, net):
 
 
 def test_a_net_flux_that_only_a_step_meets_ends_the_run(tmp_path):
-    """Before a run its data are looked at in eighths of it; the end of step 3 lies between."""
+    """Before a run its data are looked at in sixteenths of it; the end of step 3 lies between."""
     pulse = sides(left="6*y*(1-y)*where(abs(t-0.15)<1e-3, 1, 0)")
     with pytest.raises(IncompatibleData, match="carry 1 m²/s into .* at t = 0.15 s"):
         run_here(Job(SCENE, str(tmp_path / "run"), (*AT_REST, "mesh.order=2", "time.end=0.5", pulse)))
@@ -119,7 +119,7 @@ def test_a_closed_box_in_motion_is_no_net_flux_and_a_piston_in_it_is_one():
     wall = "displacement={x='3*t**2', y='0'}, velocity={x='6*t', y='0'}"
     box = f"boundary=[{{on=['left', 'right', 'bottom', 'top'], {wall}}}]"
     rest = "displacement={x='0', y='0'}, velocity={x='0', y='0'}"
-    piston = f"boundary=[{{on='left', {wall}}}, {{on=['right', 'bottom', 'top'], {rest}}}]"
+    piston = f"boundary=[{{on='left', {wall}, priority=1}}, {{on=['right', 'bottom', 'top'], {rest}}}]"
     run_moving(box)
     with pytest.raises(IncompatibleData, match="into a fluid closed all around at t = 0.05 s"):
         run_moving(piston)
