@@ -33,7 +33,7 @@ class Setting:
     step: float
     tolerance: float
     scheme: str = "partitioned"
-    accelerator: str = "aitken"
+    accelerator: str = "iqn_ils"
 
     def overrides(self, scene):
         """Return the KEY=VALUE changes of a scene; an axis of one cell, the width of a column, keeps it.
