@@ -116,12 +116,15 @@ def uninterrupted(request, tmp_path_factory):
 
 
 def assert_same(directory, expected, tolerance):
-    """Every column of the history and every array of the state agree within a relative tolerance."""
+    """Every column of the history and every array of the state agree within a relative tolerance.
+
+    Not those of the accelerator: they are differences of two iterates, in the last ones mostly round-off.
+    """
     rows, reference = history(directory), history(expected)
     assert list(rows["t"]) == list(reference["t"])
     pairs = {name: (rows[name], reference[name]) for name in reference if name != "coupling_iterations"}
     computed, arrays = state(directory / "checkpoint.h5"), state(expected / "checkpoint.h5")
-    pairs |= {name: (computed[name], arrays[name]) for name in arrays}
+    pairs |= {name: (computed[name], arrays[name]) for name in arrays if not name.startswith("accelerator.")}
     assert {name: d for name, (a, b) in pairs.items() if (d := largest_difference(a, b)) > tolerance} == {}
 
 
