@@ -1,320 +1,15 @@
-"""Command line: start of MPI and PETSc, exit codes, and the end of the whole job when one rank fails or a signal comes.
+"""Entry from the console: signals and standard streams from the first moment to the last; the commands are imported meanwhile."""
 
-Nothing heavy is imported before a command needs it, so that --help answers at once.
-"""
-
-import math
 import os
 import signal
 import sys
 import time
-import traceback
 from contextlib import suppress
-from pathlib import Path
 
-import click
-
-from . import __version__
-from .errors import InputError, PorofsiError, Stopped
+from .errors import Stopped
 from .signals import Interrupted, answered_by, interrupt, note, noted
 
-AGREEMENT_TIME = 5.0  # [s] that a failing rank waits for the others to fail in the same way before it ends the job
-
-
-class Job:
-    """The ranks of this run and their common end.
-
-    A private duplicate of the world communicator, so that its barrier never meets another message.
-    """
-
-    def __init__(self):
-        from mpi4py import MPI
-
-        self.comm = MPI.COMM_WORLD.Dup()
-        if self.comm.size > 1:
-            sys.excepthook = self.abort
-
-    def abort(self, kind, error, trace):
-        """Print the traceback of this rank and end the job on all ranks; an excepthook."""
-        lines = "".join(traceback.format_exception(kind, error, trace))
-        _complain(f"rank {self.comm.rank} of {self.comm.size} failed:\n{lines}")
-        self.comm.Abort(1)
-
-    def everyone_fails(self):
-        """Tell whether all ranks arrive here within the agreement time."""
-        request = self.comm.Ibarrier()
-        deadline = time.monotonic() + AGREEMENT_TIME
-        while not (arrived := request.Test()) and time.monotonic() < deadline:
-            time.sleep(0.01)
-        return arrived
-
-    def agree(self, action):
-        """Return the action's value; raise the first rank's InputError on all ranks when it fails on any."""
-        value, message = None, None
-        try:
-            value = action()
-        except InputError as error:
-            message = str(error)
-        messages = [text for text in self.comm.allgather(message) if text]
-        if messages:
-            raise InputError(messages[0])
-        return value
-
-    def fail(self, error):
-        """End with the error's exit code; rank 0 speaks for all, a rank alone speaks for itself and ends the job."""
-        together = self.comm.size == 1 or self.everyone_fails()
-        if self.comm.rank == 0 or not together:
-            _complain(f"error: {error}")
-        if not together:
-            self.comm.Abort(error.exit_code)
-        sys.exit(error.exit_code)
-
-
-class Commands(click.Group):
-    """A group whose commands end with the exit code of the PorofsiError they raise."""
-
-    def invoke(self, ctx):
-        """Run the chosen command."""
-        try:
-            return super().invoke(ctx)
-        except PorofsiError as error:
-            if ctx.obj is not None:
-                ctx.obj.fail(error)
-            _complain(f"error: {error}")
-            sys.exit(error.exit_code)
-
-
-def _complain(text):
-    """Print to standard error, where there is one."""
-    with suppress(OSError):
-        click.echo(text, err=True)
-
-
-def _show(text):
-    """Print what a command was asked for; a reader that has gone (| head) ends it quietly, by click."""
-    try:
-        click.echo(text)
-    except BrokenPipeError:
-        raise
-    except OSError as failure:
-        raise PorofsiError(f"standard output: could not be written ({failure.strerror})") from failure
-
-
-def _tell(text):
-    """Print a line of progress, which nothing depends on."""
-    with suppress(OSError):
-        click.echo(text)
-
-
-def _join(context):
-    """Start MPI and make the job known to the group."""
-    with answered_by(note):  # Python would forget a module whose import is interrupted, and `_end` that MPI has started
-        context.find_root().obj = job = Job()
-    if noted():
-        raise Interrupted(noted())
-    return job
-
-
-def _positive(context, parameter, value):
-    """Return a finite positive number, or None where none was given."""
-    if value is not None and not 0 < value < math.inf:
-        raise click.BadParameter(f"received '{value:g}', expected a positive number such as 1e-2")
-    return value
-
-
-overrides = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one entry, e.g. time.end=0.1.")
-allow = click.option("--allow-scene-options", is_flag=True, help="Let the scene's [petsc] options name files and code too.")
-smoke = click.option("--smoke", is_flag=True, help="Apply the scene's [smoke] changes: a short run.")
-
-
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="porofsi")
-def cli():
-    """Saturated poroelastic dynamics by finite elements; run it under mpirun for more than one core."""
-
-
-@cli.command()
-@click.argument("scene")
-@click.argument("petsc_options", nargs=-1, type=click.UNPROCESSED, metavar="[-- PETSC OPTIONS]")
-@click.option("--output", type=click.Path(path_type=Path), metavar="DIR", help="Results, default results/SCENE.")
-@overrides
-@click.option("--restart", type=click.Path(path_type=Path), metavar="FILE", help="Go on from a checkpoint.")
-@smoke
-@click.option("--force", is_flag=True, help="Replace existing results.")
-@click.option("--quiet", is_flag=True, help="No progress.")
-@click.option("--max-time", type=float, callback=_positive, metavar="SECONDS", help="Write a checkpoint and stop.")
-@allow
-@click.pass_context
-def run(context, scene, petsc_options, output, overrides, smoke, **choices):
-    """Solve SCENE (a file, or a name that `porofsi list` shows)."""
-    from . import load_scene
-    from . import run as run_scene
-
-    if petsc_options and not petsc_options[0].startswith("-"):
-        raise click.UsageError(f"unexpected argument '{petsc_options[0]}'; PETSc options follow after --")
-    job = _join(context)
-    loaded = job.agree(lambda: load_scene(scene, overrides, smoke))
-    run_scene(loaded, output, petsc_options=petsc_options, **choices)
-
-
-@cli.command()
-@click.argument("scene")
-@overrides
-@smoke
-@allow
-@click.pass_context
-def check(context, scene, overrides, smoke, allow_scene_options):
-    """Validate SCENE and its mesh, and say what would be solved."""
-    from . import load_scene
-
-    job = _join(context)
-    loaded = job.agree(lambda: load_scene(scene, overrides, smoke))
-    from .linalg.options import start
-
-    start(loaded.petsc.options, [], allow_scene_options)
-    from .simulation import check as check_scene
-
-    text = check_scene(loaded)
-    if job.comm.rank == 0:
-        _show(text)
-
-
-@cli.command(name="list")
-def list_command():
-    """Show the shipped scenes."""
-    from . import list_scenes
-
-    scenes = list_scenes()
-    width = max((len(name) for name, _, _ in scenes), default=0)
-    _show("\n".join(f"{name:<{width}}  {title}" for name, title, _ in scenes))
-
-
-@cli.command()
-@click.argument("cases", nargs=-1, metavar="[CASE]...")
-@click.option("--quick", is_flag=True, help="Only the cases of a few seconds.")
-@click.option("--json", "as_text", is_flag=True, help="Print the checks as JSON.")
-@click.option("--output", type=click.Path(path_type=Path), default=Path("results/verify"), metavar="DIR", help="Results.")
-@click.pass_context
-def verify(context, cases, quick, as_text, output):
-    """Compare with exact solutions.
-
-    Runs the CASEs (default all) and prints computed, reference, error and bound.
-    """
-    job = _join(context)
-    from .errors import ExpectationError
-    from .output.check_table import checks_table
-    from .simulation import verify as verify_cases
-    from .simulation.verify import as_json
-
-    checks = verify_cases(cases, output, quick)
-    if job.comm.rank == 0:
-        _show(as_json(checks) if as_text else checks_table(checks))
-    missed = [check for check in checks if not check.passed]
-    if missed:
-        first = f"{missed[0].case}, {missed[0].quantity}"
-        raise ExpectationError(f"{len(missed)} of {len(checks)} checks failed, the first: {first}; results in {output}")
-
-
-@cli.command()
-@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
-def plot(directory):
-    """Draw the figures of the results in DIR again."""
-    from .output.figures import make_figures
-
-    _show("\n".join(map(str, make_figures(directory))))
-
-
-@cli.command()
-@click.argument("file", type=click.Path(path_type=Path))
-def info(file):
-    """Describe a checkpoint, a summary, a mesh or a result directory."""
-    from .output.info import describe
-
-    _show(describe(file))
-
-
-@cli.group()
-def study():
-    """Many short runs and their tables.
-
-    A study goes on where it was stopped.
-    """
-
-
-def study_options(name):
-    """Return the decorator with the options of a study: where it writes, a sample of it, all of it anew."""
-    directory = click.Path(path_type=Path, file_okay=False)
-    options = [
-        click.option("--output", type=directory, default=Path("results/studies"), metavar="DIR", help="Default results/studies."),
-        click.option("--quick", is_flag=True, help="A sample of it, in seconds."),
-        click.option("--force", is_flag=True, help="All cases anew, also those in DIR."),
-        click.pass_context,
-    ]
-
-    def decorate(command):
-        for option in reversed(options):
-            command = option(command)
-        return study.command(name=name)(command)
-
-    return decorate
-
-
-def _alone(context):
-    """Start MPI and refuse more than one rank."""
-    if _join(context).comm.size > 1:
-        raise InputError("a study runs on one rank, which its wall times are about: start it without mpirun")
-
-
-@study_options("coupling")
-def study_coupling(context, output, quick, force):
-    """Iterations over permeability, step and mesh.
-
-    Also over order, strain and accelerator: 40 minutes on one core.
-    """
-    _alone(context)
-    from .studies.coupling import study as make
-
-    make(output, quick, force, _tell)
-
-
-@study_options("stability")
-def study_stability(context, output, quick, force):
-    """Hard cases and what must be refused.
-
-    The ends of the parameter range, bad meshes, 20 000 steps: 25 minutes on one core.
-    """
-    _alone(context)
-    from .studies.stability import study as make
-
-    make(output, quick, force, _tell)
-
-
-def _factors(context, parameter, text):
-    """Return the positive numbers of a comma-separated list."""
-    try:
-        found = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        found = (0.0,)
-    if not all(0 < factor < math.inf for factor in found):
-        raise click.BadParameter(f"received '{text}', expected positive numbers such as 0.5,1,2")
-    return found
-
-
-@study_options("work-precision")
-@click.argument("scene")
-@overrides
-@click.option("--error", type=float, default=1e-2, callback=_positive, help="The wanted one, default 1e-2.")
-@click.option("--cells", default="0.5,1,2", callback=_factors, metavar="LIST", help="Factors on the cells, default 0.5,1,2.")
-@click.option("--steps", default="2,1,0.5", callback=_factors, metavar="LIST", help="Factors on the step, default 2,1,0.5.")
-def study_work_precision(context, scene, overrides, error, cells, steps, output, quick, force):
-    """Error of SCENE against wall time.
-
-    Over order, mesh, step, tolerance, scheme and accelerator: 40 runs of it.
-    """
-    _alone(context)
-    from .studies.work_precision import study as make
-
-    make(scene, output, overrides, error, *((cells[:1], steps[:1]) if quick else (cells, steps)), force, _tell)
+TIME_OF_RANK_0 = 5.0  # [s] that another rank gives it to end the job after a signal
 
 
 def _open_streams():
@@ -342,26 +37,29 @@ def _end(text):
     mpi = sys.modules.get("mpi4py.MPI")
     world = mpi.COMM_WORLD if mpi and mpi.Is_initialized() and not mpi.Is_finalized() else None
     if world and world.rank:
-        time.sleep(AGREEMENT_TIME)
-    _complain(f"error: {text}")
+        time.sleep(TIME_OF_RANK_0)
+    with suppress(OSError):
+        print(f"error: {text}", file=sys.stderr, flush=True)
     if world and world.size > 1:
         world.Abort(Stopped.exit_code)
     return Stopped.exit_code
 
 
 def main():
-    """Enter from the console script."""
+    """Run the command of the console."""
     _open_streams()
     with answered_by(note):  # once the command has ended, nothing is left to be interrupted
         try:
             with answered_by(interrupt):
+                from .commands import cli
+
                 cli(prog_name="porofsi")
         except Interrupted as interrupted:
             sys.exit(_end(interrupted))
         except Exception as failure:
             if not noted():
                 raise
-            sys.exit(_end(f"{Interrupted(noted())} ({failure})"))  # numpy's import, say, makes an error of its own of it
+            sys.exit(_end(f"{Interrupted(noted())} ({failure})"))  # somebody has made an error of his own of it
         finally:
             _close_streams()
 

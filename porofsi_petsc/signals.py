@@ -4,9 +4,11 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 # Ctrl-C and scancel -s INT, the end of a job's time, the warning before it, the end of a terminal.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
+PAUSE = 0.02  # [s] after which `interrupt` looks again whether an import is over
 
 _noted = 0
 
@@ -18,7 +20,7 @@ class Interrupted(BaseException):
         super().__init__(f"stopped by signal {signal.Signals(number).name}")
 
 
-def note(number: int, frame: object) -> None:
+def note(number: int, frame: FrameType | None) -> None:
     """Keep the first signal for `noted`; a second SIGINT ends the program at once (a handler)."""
     global _noted
     if _noted and number == signal.SIGINT:
@@ -26,12 +28,34 @@ def note(number: int, frame: object) -> None:
     _noted = _noted or number
 
 
-def interrupt(number: int, frame: object) -> None:
-    """End the program at the first signal and at every SIGINT (a handler); what else follows, mpirun's SIGTERM, is no news."""
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """End the program at the first signal and at every SIGINT (a handler); what else follows, mpirun's SIGTERM, is no news.
+
+    An import is finished first: interrupted in one, Python forgets a library that has started (MPI), and some make errors of it.
+    """
     global _noted
     first, _noted = not _noted, _noted or number
-    if first or number == signal.SIGINT:
+    if first and _importing(frame):
+        signal.signal(signal.SIGALRM, _retry)
+        signal.setitimer(signal.ITIMER_REAL, PAUSE, PAUSE)
+    elif first or number == signal.SIGINT:
         raise Interrupted(number)
+
+
+def _retry(number, frame):
+    """End the program when the import is over, if it is still to be ended at once."""
+    if not _importing(frame):
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        if _noted and signal.getsignal(_noted) is interrupt:
+            raise Interrupted(_noted)
+
+
+def _importing(frame):
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def noted() -> int:

@@ -4,10 +4,10 @@
 usage: fuzz_signals.py [--moments N] [--seed S] [--folder DIR]
 
 Half of the moments (40) on one rank, half on two: SIGINT, SIGTERM, SIGUSR1 or SIGKILL to one rank, all of them, or mpirun, at a
-random time of the start or after a random row of the history.  Then every process must be gone within a minute, without a
-traceback, and a restart from the checkpoint, or the run anew where there is none, must end with the history of a run that nobody
-disturbed: to the last digit on one rank, to round-off on two (messages come in any order).  Prints a line for each moment and
-ends with 1 when one of them failed.
+random time after Python's own start or after a random row of the history.  Then every process must be gone within a minute,
+without a traceback, and a restart from the checkpoint, or the run anew where there is none, must end with the history of a run
+that nobody disturbed: to the last digit on one rank, to round-off on two (messages come in any order).  Prints a line for each
+moment and ends with 1 when one of them failed.
 """
 
 import argparse
@@ -126,13 +126,33 @@ def _strike(process, moment, folder):
         if history.is_file() and len(history.read_bytes().splitlines()) > moment.rows:
             break
         time.sleep(0.005)
+    ranks = _started(process, moment.ranks)
     time.sleep(moment.delay)
-    ranks = _children(process.pid) if moment.ranks > 1 else []
     receivers = {"one rank": ranks[-1:], "all ranks": ranks, "mpirun": []}[moment.receiver] or [process.pid]
     for receiver in receivers:
         if process.poll() is None:
             _send(receiver, moment.number)
     return [process.pid, *ranks]
+
+
+def _started(process, count):
+    """Return the ids of the ranks under mpirun once all have handlers: a Python that starts prints its own traceback."""
+    while process.poll() is None:
+        ranks = _children(process.pid) if count > 1 else [process.pid]
+        if len(ranks) == count and all(map(_has_handlers, ranks)):
+            return ranks if count > 1 else []
+        time.sleep(0.005)
+    return []
+
+
+def _has_handlers(pid):
+    """Return whether a process catches SIGUSR1."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return False
+    caught = next((int(line.split()[1], 16) for line in lines if line.startswith("SigCgt")), 0)
+    return bool(caught >> (signal.SIGUSR1 - 1) & 1)
 
 
 def _children(pid):

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import porofsi_petsc
 from porofsi_petsc import errors, log
-from porofsi_petsc.__main__ import cli
+from porofsi_petsc.commands import cli
 from porofsi_petsc.linalg import options
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -104,7 +104,7 @@ def test_wrong_use_ends_with_2(calls, arguments, sentence):
 
 
 def test_help_imports_nothing_heavy():
-    code = "import sys; from porofsi_petsc.__main__ import cli; print(*sys.modules)"
+    code = "import sys; from porofsi_petsc.commands import cli; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=True
     ).stdout.split()
@@ -129,8 +129,8 @@ def run(*_):
     MPI.COMM_WORLD.Barrier()
 options.start = lambda *_: None
 sys.modules["porofsi_petsc.simulation"] = types.SimpleNamespace(run=run)
-from porofsi_petsc import __main__ as command_line
-command_line.AGREEMENT_TIME = 0.5
+from porofsi_petsc import __main__ as command_line, commands
+commands.AGREEMENT_TIME = 0.5
 sys.argv = ["porofsi", "run", "pulse2d"]
 command_line.main()
 """

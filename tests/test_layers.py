@@ -8,7 +8,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "porofsi_petsc"
 LAYER = {
     "__init__": 7,
-    "__main__": 7,
+    "__main__": 8,
+    "commands": 7,
     "studies": 6,
     "simulation": 5,
     "coupling": 4,
@@ -26,7 +27,7 @@ ONLY_IN = {
     "h5py": {"output"},
     "meshio": {"mesh", "output"},
     "pydantic": {"config"},
-    "click": {"__main__"},
+    "click": {"commands"},
     "matplotlib": {"output"},
 }
 NEVER_IN = {"petsc4py": {0, 1}, "mpi4py": {0, 1}}

@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from porofsi_petsc import load_scene
-from porofsi_petsc.__main__ import cli
+from porofsi_petsc.commands import cli
 from porofsi_petsc.config import list_scenes
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg import options

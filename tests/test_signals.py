@@ -53,6 +53,21 @@ def test_only_a_second_sigint_ends_what_the_first_signal_has_begun_to_end(handle
                 signal.raise_signal(signal.SIGINT)
 
 
+def test_an_import_is_finished_before_the_interruption(tmp_path, monkeypatch):
+    """Python forgets a module whose import is interrupted, and with it that MPI, say, has started."""
+    (tmp_path / "slow_to_import.py").write_text(
+        "import signal, time\nsignal.raise_signal(signal.SIGTERM)\ntime.sleep(0.1)\ndone = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(Interrupted, match="SIGTERM"), answered_by(interrupt):
+        import slow_to_import
+
+        deadline = time.monotonic() + 5.0
+        while time.monotonic() < deadline:
+            pass
+    assert sys.modules["slow_to_import"].done and slow_to_import.done
+
+
 def test_an_ignored_signal_stays_ignored():
     """As nohup and a shell's jobs in the background want it."""
     with restored([signal.SIGHUP]):
@@ -128,7 +143,7 @@ from porofsi_petsc.linalg import options
 options.start = wait
 sys.argv = ["porofsi", *{words}]
 from porofsi_petsc import __main__ as command_line
-command_line.AGREEMENT_TIME = 1.0
+command_line.TIME_OF_RANK_0 = 1.0
 command_line.main()
 """
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from porofsi_petsc.__main__ import cli
+from porofsi_petsc.commands import cli
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.studies import coupling, soil

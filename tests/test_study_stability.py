@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from porofsi_petsc.__main__ import cli
+from porofsi_petsc.commands import cli
 from porofsi_petsc.mesh import read_mesh
 from porofsi_petsc.mesh.write import write_mesh
 from porofsi_petsc.simulation.build import serial_mesh

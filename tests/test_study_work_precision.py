@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from running import Job, run_here
 
-from porofsi_petsc.__main__ import cli
+from porofsi_petsc.commands import cli
 from porofsi_petsc.config.catalogue import find_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.studies import samples, work_precision
