@@ -147,7 +147,7 @@ def test_a_step_in_which_an_element_is_inverted_is_cut(tmp_path, monkeypatch):
     whole = run_here(Job(SCENE, str(tmp_path / "whole"), given))
     monkeypatch.setattr("porofsi_petsc.phases.mesh_motion.HALVINGS", 0)
     with pytest.raises(ConvergenceError, match="inverted"):
-        run_here(Job(SCENE, str(tmp_path / "stopped"), given))
+        run_here(Job(SCENE, str(tmp_path / "stopped"), (*given, "coupling.on_failure=stop")))
     cut = run_here(Job(SCENE, str(tmp_path / "cut"), (*given, "coupling.on_failure=cut_step")))
     assert whole["time_end"] == cut["time_end"] == 1.0 and cut["step_cuts"] >= 1 and cut["steps"] == 2 ** cut["step_cuts"]
     ratios = [done["mesh_motion"]["smallest_volume_ratio"] for done in (whole, cut)]

@@ -22,7 +22,7 @@ def test_quick_study_finishes_one_case_and_sees_one_refused(tmp_path):
     with (tmp_path / "stability.csv").open(newline="") as file:
         finished, refused = csv.DictReader(file)
     assert (finished["kept"], finished["message"], finished["steps"]) == ("yes", "", "50")
-    assert refused["kept"] == "yes" and refused["message"].startswith("the pores are closed")
+    assert refused["kept"] == "yes" and refused["message"].startswith("the pores of the skeleton are closed")
     assert refused["message"] in (tmp_path / "stability.md").read_text()
 
 

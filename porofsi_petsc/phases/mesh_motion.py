@@ -172,7 +172,7 @@ class MeshMotion:
         if self.squeezed:
             what = f"{what}; its smallest volume ratio fell to {fell}"
             return ConvergenceError(what, f"a smaller step does not help where the mesh is squeezed: {keys}")
-        return ConvergenceError(what, f"try a smaller step; if it stops at the same time, {keys}")
+        return ConvergenceError(what, f"if a smaller step stops at the same time, {keys}")
 
     def _relative(self, increment, u):
         """Return |increment|/|u|, 0 at rest; both (n_owned, d) or longer (collective)."""

@@ -147,7 +147,7 @@ class SolidPhase:
         modulus = "compare the loads with the moduli in material.solid, or refine the mesh there"
         if before < STRAINED:
             return ConvergenceError(f"{found}; {trail}", f"a smaller step will hardly help: {modulus}")
-        return ConvergenceError(f"{found}; {trail}", f"try a smaller step; if it stops at the same time, {modulus}")
+        return ConvergenceError(f"{found}; {trail}", f"if a smaller step stops at the same time, {modulus}")
 
     @property
     def unknowns(self):
