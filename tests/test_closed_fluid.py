@@ -12,6 +12,8 @@ from running import SCENES, Job, needs_mpirun, run_here, run_on
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import IncompatibleData
+from porofsi_petsc.fem.closed import closed_nodes
+from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.output.history import read_history
@@ -144,3 +146,26 @@ def test_what_interpolation_makes_of_balanced_data_is_no_net_flux():
     source = coupling.residuals[1][1].terms["source"]
     # facets of 1/4 miss 6 h² y(1-y)/(12 y(1-y)) = 3 % of the parabola, half the sine's curvature less
     assert 0.005 < abs(source.sum()) < 0.03
+
+
+@pytest.mark.mpi
+def test_each_chamber_of_a_fluid_is_closed_by_itself():
+    """Two regions of a square with another between them: both closed, one of them, or none, on any number of ranks."""
+    start()
+    regions = "mesh.regions=[{name='wall', x=[0.25, 0.5]}, {name='second', x=[0.5, 1.0]}]"
+    fluid = "fluid={density=1.0, viscosity=1.0}"
+    materials = f"material=[{{region='all', {fluid}}}]"
+    mesh = local_mesh(load_scene(SCENE, (regions, materials)), MPI.COMM_WORLD)
+    first = next(name for name in mesh.regions if name not in ("wall", "second"))
+    domain = Domain(mesh, (first, "second"))
+    x, y = mesh.X.T
+    around = np.isin(x, (0.0, 0.25, 0.5, 1.0)) | np.isin(y, (0.0, 1.0))
+    held = np.repeat(around[:, None], 2, axis=1)
+    parts = closed_nodes(domain, held)
+    assert [mesh.comm.allreduce(int(part[: mesh.n_owned].sum())) for part in parts] == [10, 15]
+    held[(x == 1.0) & (y == 0.5), 0] = False
+    assert len(closed_nodes(domain, held)) == 1
+    held[(x == 0.0) & (y == 0.5), 1] = False  # along the wall: nothing leaves
+    assert len(closed_nodes(domain, held)) == 1
+    held[(x == 0.25) & (y == 0.5), 0] = False
+    assert closed_nodes(domain, held) == []

@@ -30,6 +30,10 @@ class NullSpace:
         self._matrix, self._vectors, self._direct, self._state = matrix, vectors, direct, None
         self._space = None
 
+    def use(self, matrix: PETSc.Mat) -> None:
+        """Go on with another matrix of the same layout and null space."""
+        self._matrix, self._state = matrix, None
+
     def prepare(self, scaling: PETSc.Vec | None = None) -> None:
         """Make new values of the matrix ready; scaling : D^-½ where it has been scaled to D^-½ A D^-½ (collective)."""
         if self._matrix.stateGet() == self._state:

@@ -133,6 +133,8 @@ class LinearSolver:
             )
         matrix.setOptionsPrefix(self.prefix)
         self.matrix = matrix
+        if self._null:
+            self._null.use(matrix)
         self.refactor()
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
