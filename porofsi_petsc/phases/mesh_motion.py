@@ -12,7 +12,7 @@ from .transfer import Skeleton
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any coupling tolerance.
 TOLERANCE, CAP = 1e-11, 40
-HALVINGS = 3  # of a motion of the boundary that inverts an element on the way to the equilibrium
+HALVINGS = 2  # of a motion of the boundary that inverts an element on the way to the equilibrium
 # Falls of the smallest volume ratio that are remembered, and the ratio below which the mesh itself is what inverts.
 NOTED, SQUEEZED = 0.6, 0.5
 SLOW = 0.1  # contraction of its increments above which a lagged tangent is renewed within a step
@@ -171,7 +171,7 @@ class MeshMotion:
         keys = f"try {law}another mesh_motion.stiffening than {exponent:g} (1 to 2), or another mesh there"
         if self.squeezed:
             what = f"{what}; its smallest volume ratio fell to {fell}"
-            return ConvergenceError(what, f"a smaller step does not help where the mesh is squeezed: {keys}")
+            return ConvergenceError(what, f"a smaller step hardly helps where the mesh is squeezed: {keys}")
         return ConvergenceError(what, f"if a smaller step stops at the same time, {keys}")
 
     def _relative(self, increment, u):

@@ -146,7 +146,7 @@ class SolidPhase:
         trail = f"the least volume ratio of an element was {before:.2g} at the end of the last step"
         modulus = "compare the loads with the moduli in material.solid, or refine the mesh there"
         if before < STRAINED:
-            return ConvergenceError(f"{found}; {trail}", f"a smaller step will hardly help: {modulus}")
+            return ConvergenceError(f"{found}; {trail}", f"a smaller step hardly helps: {modulus}")
         return ConvergenceError(f"{found}; {trail}", f"if a smaller step stops at the same time, {modulus}")
 
     @property
