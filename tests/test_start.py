@@ -123,6 +123,11 @@ REFUSED = {
         ("initial={displacement={y='1e-3*(y + 1)'}}",),
         r"\[initial\.displacement\.y\]: received 0\.001 m at the node \(0, 0\) m of 'bottom', while boundary\.1\.dis",
     ),
+    "displacement beside a jump": (
+        "terzaghi",
+        (PLATE, "boundary.0={on=['left', 'right'], displacement={x=1e-3}}", "initial={displacement={y=1e-4}}"),
+        r"\[initial\.displacement\.y\]: received 0\.0001 m",
+    ),
     "velocity of a fixed base": (
         "terzaghi",
         ("initial={solid_velocity={y=1.0}}", *INERTIA, "time.consistent_start=true"),
@@ -182,6 +187,11 @@ ALLOWED = {
             "initial={solid_velocity={y='-1e-4*y'}}",
             *INERTIA,
         ),
+    ),
+    "jump of a solid alone": (BAR, ("boundary.0.displacement={x=0, y=1e-3}", "model.solid_inertia=false")),
+    "velocity of a support that turns": (
+        BAR,
+        ("boundary.0.displacement={x=0, y='1e-3*cos(3*t)'}", "initial={displacement={y=1e-3}, solid_velocity={y=0}}"),
     ),
     "flow that slips": (FREE, ("boundary.0={on=['bottom', 'top'], velocity={x=0, y=0}}", "initial={fluid_velocity={x=1}}")),
     "flow that starts at once": (FREE, ("boundary.0={on=['left', 'bottom', 'right'], velocity={x=1, y=0}}",)),

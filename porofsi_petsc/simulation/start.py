@@ -16,6 +16,7 @@ from .conditions import AXES, at_once, components, nodal_field
 
 AGREE = 1e-3  # of the largest value: below errors of discretization, above the digits of numbers that were written by hand
 THROUGH = 0.1  # of the largest speed: on coarse facets of a curved wall a flow along it has that much to flow through them
+QUOTIENT = 1e-2  # of a displacement over a first step: AGREE of it is above round-off and truncation of the quotient below
 RATE = 1e-6  # in first steps: of the difference quotient for the rate of a prescribed displacement at 0+, good for nine digits
 
 
@@ -72,14 +73,20 @@ class _Start:
         conditions = self._solid.dirichlet.conditions
         values = self._values(conditions, self._now)
         scale = self._largest(self.u, *values, *self._values(conditions, self._scene.time.step))
-        apart = self._first_apart(conditions, self.u, values, scale)
-        if apart is None:
-            return
-        if apart[0].component in components(self._initial.displacement):
+        given = components(self._initial.displacement)
+        counts = [condition.given.component in given for condition in conditions]
+        some, wanted = (list(itertools.compress(whole, counts)) for whole in (conditions, values))
+        apart = self._first_apart(some, self.u, wanted, scale)
+        if apart is not None:
             self._refuse("displacement", apart, "m", "then the boundary moves there in the first step")
-        model = self._scene.model
-        if model.solid_inertia is True or model.fluid_inertia is True:
+        apart = self._first_apart(conditions, self.u, values, scale)
+        if apart is not None and self._has_inertia:
             self._refuse_jump(*apart)
+
+    @property
+    def _has_inertia(self):
+        model, (solid, fluid) = self._scene.model, self._scene.phases
+        return (solid and model.solid_inertia is True) or (fluid and model.fluid_inertia is True)
 
     def require_solid_velocity(self):
         """Refuse a given velocity of the solid that is not the rate of the prescribed displacement at 0+."""
@@ -89,7 +96,9 @@ class _Start:
         given, strict = components(self._initial.solid_velocity), self._scene.time.consistent_start
         counts = [strict or condition.given.component in given for condition in conditions]
         chosen, wanted = (list(itertools.compress(whole, counts)) for whole in (conditions, rates))
-        apart = self._first_apart(chosen, self.v_s, wanted, self._largest(self.v_s, *wanted))
+        uncertain = QUOTIENT * self._largest(*before) / self._scene.time.step
+        scale = max(self._largest(self.v_s, *wanted), uncertain)
+        apart = self._first_apart(chosen, self.v_s, wanted, scale)
         if apart is not None:
             self._refuse("solid_velocity", apart, "m/s", "then the boundary jumps in the first step")
 
