@@ -101,7 +101,7 @@ solver.solve(block.load())
 
 @pytest.mark.parametrize("text", ["-odd_pc_type nosuch", "-odd_pc_type lu -odd_pc_factor_mat_solver_type nosuch"])
 def test_a_solver_that_petsc_lacks_is_wrong_input(text):
-    options.start(text)
+    options.start(command_line=text.split())
     A = FluidBlock(MPI.COMM_SELF, 2, 2, False).matrix("odd_")
     with pytest.raises(InputError, match="-odd_.*nosuch"):
         LinearSolver(A.mat, "odd_", {"ksp_type": "preonly"}).solve(np.ones(A.mat.getSize()[0]))

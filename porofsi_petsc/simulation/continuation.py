@@ -60,7 +60,7 @@ class Continuation:
         coupling = self._coupling
         accepted = coupling.state(), coupling.memory()
         try:
-            self._count(self._along(schemes, rates), failure)
+            self._count(self._along(schemes, rates))
         except ConvergenceError:
             coupling.load_state(*accepted, schemes, rates)
             reached = f"nor does load continuation, beyond {self._reached:.3g} of the load"
@@ -88,7 +88,8 @@ class Continuation:
         coupling.iterations = iterations
         return parts
 
-    def _count(self, parts, failure):
+    def _count(self, parts):
         if not self._clock.load_parts:
-            logger.info("%s; solved by load continuation in %d parts (said once, counted in summary.json)", failure.what, parts)
+            text = "step %d does not converge from the state before: load continuation in %d parts (said once, see summary.json)"
+            logger.info(text, self._clock.step + 1, parts)
         self._clock.load_parts += parts
