@@ -44,6 +44,35 @@ def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
     assert np.abs(material.stress(np.broadcast_to(Q - identity, F.shape))).max() < 1e-14
 
 
+@pytest.mark.parametrize("law", [name for name, law in ELASTIC.items() if not law.small_strain])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_mixed_tangent_has_the_stress_of_the_iterate_before_made_linear(dim, law):
+    """In its geometric part: that of a law with the same tangent whose P grows linearly; the error is of second order."""
+    rng = np.random.default_rng(3)
+    material, errors = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4), []
+    H, change = 0.05 * rng.standard_normal((4, dim, dim)), 0.1 * rng.standard_normal((4, dim, dim))
+    for factor in (1.0, 0.5, 0.25):
+        errors.append(np.abs(material.mixed_tangent(H, H - factor * change) - material.tangent(H)).max())
+    assert np.allclose(material.mixed_tangent(H, H), material.tangent(H), rtol=1e-14)
+    assert errors[0] > 1e-5
+    assert np.divide(errors[:-1], errors[1:]).min() > 3.5  # 4 and terms of third order
+
+
+@pytest.mark.parametrize("law", ["saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"])
+def test_a_change_that_keeps_the_volume_to_first_order_leaves_no_pressure_in_the_mixed_tangent(law):
+    """A rotation by 0.1, made linear, grows the volume by 1e-2: its stress λ/100 is in the tangent, and not in the mixed one.
+
+    What the geometric part adds to a turned material stiffness is seen where the material part has nothing: in ∂P_xx/∂F_xx less
+    what λ + 2μ give; the sizes are those of λ θ² and of μ.
+    """
+    material, theta = ELASTIC[law](lam=1e4, mu=1.0), 0.1
+    H = np.array([[[0.0, -theta], [theta, 0.0]]])
+    skew = np.array([[1.0, 0.0], [0.0, -1.0]])  # a stretch that keeps the volume: λ enters by the geometric part alone
+    energy = [np.einsum("ij,ijkl,kl->", skew, A[0], skew) for A in (material.tangent(H), material.mixed_tangent(H, 0 * H))]
+    assert abs(energy[0]) > 50  # ± 2 λ θ²/2 and more
+    assert energy[1] == pytest.approx(4 * material.mu, rel=0.1)
+
+
 @pytest.mark.parametrize("law", ELASTIC)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stress_of_a_tiny_strain_keeps_its_digits(dim, law):

@@ -8,6 +8,7 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.output.history import read_history
 from porofsi_petsc.simulation.build import serial_mesh
 from porofsi_petsc.simulation.locking import poisson
+from porofsi_petsc.studies.trial import attempt
 
 FLAP = str(SCENES / "flap.toml")
 NEARLY = "material.1.solid.poisson=0.4999"
@@ -20,6 +21,15 @@ def test_cooks_membrane_does_not_lock(tmp_path):
     found = read_history(tmp_path / "history.csv")["corner.u_y"][-1]
     print(f"u_y of the corner {found:.4e} m, {expected.value:.4e} m")
     assert found == pytest.approx(expected.value, rel=expected.tolerance)
+
+
+@pytest.mark.parametrize("steps", [4, 1])
+def test_newtons_iteration_does_not_feel_the_bulk_modulus(steps):
+    """The whole load at once too; with the stress of the law in the geometric stiffness 12 iterations, or none that converge."""
+    outcome = attempt(load_scene("cook_membrane", [f"time.step={1 / steps}"]))
+    print(f"{steps} steps of the load: iterations {outcome.iterations}")
+    assert not outcome.failure
+    assert max(outcome.iterations) <= 6
 
 
 def test_linear_elements_of_a_nearly_incompressible_solid_are_refused():

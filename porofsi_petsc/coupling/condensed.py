@@ -1,11 +1,10 @@
 """The partitioned iteration in which the fluid knows the whole answer of the solid to a motion of the interface."""
 
 from .accelerators import Plain
-from .interface import InterfaceMedium
-from .partitioned import PartitionedMedium
+from .interface import InterfaceMedium, InterfaceSweep
 
 
-class _CondensedSweep(PartitionedMedium):
+class _CondensedSweep(InterfaceSweep):
     """Robin-Neumann with the solid's stiffness S as the operator: one sweep is a Newton step of solid and fluid together.
 
         fluid  R_f + R_s + S (v_f - v_s)/c_v = 0        solid  R_s + R_f = S (u_f - u_s)
@@ -34,14 +33,6 @@ class _CondensedSweep(PartitionedMedium):
 
     def _dot(self, a, b):
         return self.dot(a, b)
-
-    def _renew_tangents(self, iteration, rates):
-        """Do what `PartitionedMedium` does; a nearly incompressible solid at large strain gets new ones in every sweep."""
-        if not self.solid.is_stiff_in_volume:
-            super()._renew_tangents(iteration, rates)
-            return
-        self.solid.renew_tangent(rates)
-        self.fluid.renew_tangent(rates, self.carrier())
 
     def _condense(self, rates):
         """Put the answer of the solid into the matrix of the fluid where one of the tangents is new."""

@@ -115,7 +115,19 @@ class InterfaceMedium(Medium):
         super().load_state(arrays, memory, schemes, rates)
 
 
-class _Sweep(PartitionedMedium):
+class InterfaceSweep(PartitionedMedium):
+    """What the sweeps over an interface share: a nearly incompressible solid at large strain has new tangents in each."""
+
+    def _renew_tangents(self, iteration, rates):
+        """Do what `PartitionedMedium` does, or renew both."""
+        if not self.solid.is_stiff_in_volume:
+            return super()._renew_tangents(iteration, rates)
+        self.solid.renew_tangent(rates)
+        self.fluid.renew_tangent(rates, self.carrier())
+        return not self._travel
+
+
+class _Sweep(InterfaceSweep):
     """One Newton step of the fluid, one of the solid under the new force, and an accelerated displacement of the solid.
 
     Conditions, with the mass M of the interface:  fluid  R_f + R_s + α_f M (v_f - v_s) = 0,  solid  R_s + R_f + α_s M (v_s - v_f)

@@ -67,11 +67,14 @@ def _stress_loop(A, d):
     return loop
 
 
-def stress_tangent(G0, dV0, law, u):
-    """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m]."""
+def stress_tangent(G0, dV0, law, u, before=None):
+    """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m].
+
+    before (E, A, d) : displacement from which the stress of the geometric part is linear, see `ElasticLaw.mixed_tangent`
+    """
     E, A, d = u.shape
-    K = np.empty((E, A, d, A, d))
-    tangent = plain(law.tangent(displacement_gradient(G0, u)))
+    K, H = np.empty((E, A, d, A, d)), displacement_gradient(G0, u)
+    tangent = plain(law.tangent(H) if before is None else law.mixed_tangent(H, displacement_gradient(G0, before)))
     _tangent_loop(A, d)(plain(G0), _volumes(G0, dV0), tangent, K.reshape(E, A, -1))
     return K
 

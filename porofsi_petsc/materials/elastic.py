@@ -31,6 +31,16 @@ class ElasticLaw:
         """Return E_c = lambda + 2 mu [Pa], the modulus of a laterally confined compression."""
         return self.lam + 2 * self.mu
 
+    def mixed_tangent(self, H, before):
+        """Return dP/dF at H with the stress that is linear from another H, of the iterate before, in its geometric part.
+
+        A change of displacement that keeps the volume to first order changes it in the second: at λ >> μ the stress λ (J - 1)
+        of such an iterate is of no meaning, and in the geometric stiffness it spoils the next one.  A stress that is an unknown
+        of its own and eliminated from Newton's equations is linear in the change (Magisano, Leonetti & Garcea, CMAME 313 (2017)
+        986); the residual stays that of the displacement.  Quadratic convergence is kept.
+        """
+        return self.tangent(H)
+
 
 class LinearElastic(ElasticLaw):
     """Psi = lambda/2 (tr eps)^2 + mu eps:eps with eps = sym H."""
@@ -78,19 +88,25 @@ class SaintVenantKirchhoff(ElasticLaw):
     def stress(self, H):
         """Return P = F S, S = lambda tr(E) I + 2 mu E, (..., d, d)."""
         P = np.empty(H.shape)
-        _kirchhoff_stress_loop(H.shape[-1])(stacked(H), stacked(self._second_piola(H)), stacked(P))
+        _kirchhoff_stress_loop(H.shape[-1])(stacked(H), stacked(self._second_piola(green_strain(H))), stacked(P))
         return P
 
     def tangent(self, H):
         """Return dP_iJ/dF_kL = delta_ik S_JL + F_iM C_MJNL F_kN, (..., d, d, d, d), C that of linear elasticity."""
+        return self._tangent(H, self._second_piola(green_strain(H)))
+
+    def mixed_tangent(self, H, before):
+        """Do what `ElasticLaw.mixed_tangent` says, E = E_b + sym F_b^T (H - H_b)."""
+        F, change = deformation(before), H - before
+        return self._tangent(H, self._second_piola(green_strain(before) + _small_strain(transpose(F) @ change)))
+
+    def _tangent(self, H, S):
         A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
-        lam, mu = float(self.lam), float(self.mu)
-        _kirchhoff_tangent_loop(d)(stacked(H), stacked(self._second_piola(H)), lam, mu, A.reshape(-1, d, d, d, d))
+        _kirchhoff_tangent_loop(d)(stacked(H), stacked(S), float(self.lam), float(self.mu), A.reshape(-1, d, d, d, d))
         return A
 
-    def _second_piola(self, H):
-        E = green_strain(H)
-        return scaled_identity(self.lam * trace(E), H.shape[-1]) + 2 * self.mu * E
+    def _second_piola(self, E):
+        return scaled_identity(self.lam * trace(E), E.shape[-1]) + 2 * self.mu * E
 
 
 @specialized
@@ -152,9 +168,19 @@ class _CompressibleNeoHookean(ElasticLaw):
 
     def tangent(self, H):
         """Return dP_iJ/dF_kL = mu d_ik d_JL + J (J U')' Finv_Ji Finv_Lk + (mu - J U') Finv_Jk Finv_Li, (..., d, d, d, d)."""
-        A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
         Finv, J_1 = _kinematics(H)
+        return self._tangent(H, Finv, *self._volumetric(J_1)[1:])
+
+    def mixed_tangent(self, H, before):
+        """Do what `ElasticLaw.mixed_tangent` says, J U' = (J U')_b + (J (J U')')_b Finv_b:(H - H_b)."""
+        Finv, J_1 = _kinematics(before)
         _, first, second = self._volumetric(J_1)
+        linear = first + second * np.einsum("pJi,piJ->p", Finv, stacked(H - before))
+        Finv, J_1 = _kinematics(H)
+        return self._tangent(H, Finv, linear, self._volumetric(J_1)[2])
+
+    def _tangent(self, H, Finv, first, second):
+        A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
         _compressible_tangent_loop(d)(Finv, plain(first), plain(second), float(self.mu), A.reshape(-1, d, d, d, d))
         return A
 

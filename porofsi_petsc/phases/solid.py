@@ -43,6 +43,7 @@ class SolidPhase:
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = self._configuration = self._own = self._accepted_configuration = None
+        self._before = self.u  # displacement of the iterate before, (n_local, d)
         self._reference = Configuration.reference(self.domain, setup.with_hessian)
         self.assemblies, self.robin_coefficient = 0, 0.0  # α of a Robin condition [Pa s/m]
         self._t_end = 0.0  # of the trial step [s]
@@ -79,7 +80,7 @@ class SolidPhase:
 
     def begin_step(self, scheme, t):
         """Start a step from the accepted level at time t: predictor, essential values and loads of the new level."""
-        self.scheme, self._t_end = scheme, t + scheme.dt
+        self.scheme, self._t_end, self._before = scheme, t + scheme.dt, self.u
         t_alpha = t + scheme.alpha_f * scheme.dt
         self._u1 = scheme.predict(self.u, self.v, self.a)
         self._setup.dirichlet.apply(self._u1, t + scheme.dt)
@@ -258,7 +259,7 @@ class SolidPhase:
     def renew_tangent(self, rates):
         """Assemble the tangent at the trial state (full Newton)."""
         self._rule.forget()
-        self._assemble(self._u_alpha, self.skeleton().configuration, rates)
+        self._assemble(self._u_alpha, self.skeleton().configuration, rates, self._linear_from)
 
     def expire_tangent(self):
         """Ask for a new tangent at the start of the next step."""
@@ -283,16 +284,22 @@ class SolidPhase:
 
     def add(self, increment):
         """Add an increment on the collocation level, (n_owned, d), to the trial state."""
+        self._before = self._u_alpha
         self.unknowns = self.unknowns + increment / self.scheme.alpha_f
 
+    @property
+    def _linear_from(self):
+        """Return from where the stress in the geometric stiffness is linear, None where it is that of the law."""
+        return self._before if self.is_stiff_in_volume else None
+
     @timed("assembly")
-    def _assemble(self, u, configuration, rates):
+    def _assemble(self, u, configuration, rates, before=None):
         if not self.domain.n_nodes:
             return
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, self.mesh.dim, self._setup.mask)
         self._matrix.clear()
-        for chunk, K in self._element_tangents(u, configuration, rates, self._setup.split):
+        for chunk, K in self._element_tangents(u, configuration, rates, self._setup.split, before):
             if self._setup.robin is not None:
                 self._setup.robin.add_to(K, self.robin_coefficient * rates.c_v, chunk, self.mesh.dim)
             self._matrix.add(chunk, K)
@@ -302,12 +309,13 @@ class SolidPhase:
             self._solver = self._setup.new_solver(self._matrix)
         self._solver.refactor()
 
-    def _element_tangents(self, u, configuration, rates, split):
-        """Yield (chunk, tangent (E, A, d, A, d)) of a split at u (n_local, d)."""
+    def _element_tangents(self, u, configuration, rates, split, before=None):
+        """Yield (chunk, tangent (E, A, d, A, d)) of a split at u (n_local, d); before : see `kernels.solid.stress_tangent`."""
         domain = self.domain
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material, stiffness = self._setup.materials[region], domain.reference_stiffness.part(chunk)
-            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, domain.gather(u, chunk))
+            fields = [None if field is None else domain.gather(field, chunk) for field in (u, before)]
+            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, *fields)
             weights = self._inertia_weights(material, configuration, chunk, rates, split)
             if weights is not None:
                 add_isotropic(K, mass_matrix(domain.mass.N, weights), self.mesh.dim)
@@ -315,7 +323,7 @@ class SolidPhase:
 
     def trial_tangents(self, rates):
         """Yield (chunk, tangent (E, A, d, A, d)) of the trial state on a fixed mesh, without the corrected split's terms."""
-        return self._element_tangents(self._u_alpha, self.skeleton().configuration, rates, "plain")
+        return self._element_tangents(self._u_alpha, self.skeleton().configuration, rates, "plain", self._linear_from)
 
     def drag_tangents(self):
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of an immersed solid."""
