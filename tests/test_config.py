@@ -277,6 +277,7 @@ WRONG += [
     (f"time.end={'0x' + 'f' * 5000}", "received a whole number of about 6020 digits"),
     (f"probe.0.name={LONG}", "[probe.0.name]: received 'aaaa"),
     (f"expect.0.quantity={LONG}", "[expect.0.quantity]: received 'aaaa"),
+    ('expect.0.minus="a\\nb"', "[expect.0.minus]: received 'a\\nb', which no [[probe]] records"),
     (f"boundary.2={{on='left', pressure='{LONG}'}}", "expression of 100000 characters"),
     (f"{'a.' * 3000}a=1", "received a key of 3001 parts"),
     (f"smoke={{{'a.' * 3000}a=1}}", "received tables nested more than 12 deep"),

@@ -310,7 +310,7 @@ class Scene(Table):
         if expect.minus is None:
             return
         if expect.minus not in self.columns:
-            text = f"received '{expect.minus}', which no [[probe]] records; {closest(expect.minus, self.columns)}"
+            text = f"received {shown(expect.minus)}, which no [[probe]] records; {closest(expect.minus, self.columns)}"
             raise wrong(text, where)
         if expect.quantity not in self.columns or expect.statistic in PERIODIC:
             text = f"received '{expect.minus}', expected two columns of history.csv and no statistic of a period; leave it out"
