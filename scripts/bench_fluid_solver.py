@@ -3,7 +3,8 @@
 usage: bench_fluid_solver.py [T3 T6 T4 T10]        (mpirun -n N python … for several ranks)
 
 The channel is 1 high and 3 long, flow 1 at most, density 1; the obstacle, a stiff solid, stands on its floor.  Transient: first
-step from the inflow profile everywhere but on the obstacle, Courant number U Δt/h and diffusion number ν Δt/h², h the node spacing.  Steady: by the
+step from the inflow profile everywhere but on the obstacle, Courant number U Δt/h and diffusion number ν Δt/h²,
+h the node spacing.  Steady: by the
 Reynolds number U H/ν.  A Newton iteration each until 1e-6; numbers are FGMRES iterations, mean/largest, of solves to 1e-5.
 """
 

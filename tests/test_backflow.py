@@ -88,9 +88,7 @@ def test_it_keeps_a_flow_that_reverses_in_bounds(tmp_path):
     largest = np.abs(read_history(tmp_path / "history.csv")["A.vf_x"]).max()
     print(f"largest speed at A: {largest:.3g} m/s, 10 m/s at the inlet")
     assert largest < 10
-    with pytest.raises(
-        ConvergenceError, match="try a smaller .* and backflow = 1 on a boundary through which the flow comes back"
-    ):
+    with pytest.raises(ConvergenceError, match="; try backflow = 1 on a boundary through which the flow comes back"):
         run_here(Job(scene, out, ("boundary.2.backflow=0.0",), force=True))
 
 
