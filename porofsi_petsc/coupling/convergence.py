@@ -58,7 +58,9 @@ class Convergence:
         self.history.append(errors)
         if max(errors.values()) > self.tolerance:
             return False
-        self.largest = dict(self._present)  # not of iterates that diverge, whose round-off would let the next attempt pass
+        # not of attempts that diverge, whose round-off would let the next one pass
+        volume = max(self.largest.get("volume", 0.0), self._scale("volume", cancelling))
+        self.largest = self._present | {"volume": volume}
         return True
 
     def _scale(self, field, cancelling):
