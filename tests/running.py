@@ -106,6 +106,11 @@ def state(checkpoint):
         return {name: dataset[()] for name, dataset in file.items()}
 
 
+def fields(checkpoint):
+    """Return `state` without the vectors of the accelerator, which are differences of iterates and at last round-off."""
+    return {name: array for name, array in state(checkpoint).items() if not name.startswith("accelerator.")}
+
+
 def header(checkpoint):
     """Return the header of a checkpoint file."""
     with h5py.File(checkpoint, "r") as file:
