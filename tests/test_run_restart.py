@@ -110,7 +110,7 @@ def continued(job, **changes):
     return replace(job, restart=f"{job.directory}/checkpoint.h5", **changes)
 
 
-def fields(directory):
+def last_fields(directory):
     """Return name -> array of the last fields that a run wrote."""
     last = max((path for path in (directory / "fields").glob("*.h5") if path.stem.isdigit()), key=lambda path: int(path.stem))
     with h5py.File(last, "r") as file:
@@ -145,7 +145,7 @@ def assert_identical(directory, expected):
     assert computed.keys() == reference.keys()
     assert [name for name in reference if not np.array_equal(computed[name], reference[name])] == []
     if (expected / "fields").is_dir():
-        (name, arrays), (last, others) = fields(directory), fields(expected)
+        (name, arrays), (last, others) = last_fields(directory), last_fields(expected)
         assert name == last and arrays.keys() == others.keys() and len(arrays) >= 6
         assert all(np.array_equal(arrays[key], others[key]) for key in arrays)
 
