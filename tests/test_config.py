@@ -429,7 +429,10 @@ def test_a_free_fluid_is_by_default_that_of_navier_and_stokes_on_a_mesh_that_fol
 
     assert model_of() == (True, True, True, True, True)
     assert model_of("time.scheme=steady") == (False, False, True, True, True)
-    assert model_of("model.moving_mesh=false", "model.convection=false") == (True, True, False, True, False)
+    rigid = ("model.moving_mesh=false", "model.convection=false", "coupling.scheme=one_way")
+    assert model_of(*rigid) == (True, True, False, True, False)
+    with pytest.raises(InputError, match=r"\[model.moving_mesh\]: received false with a solid beside the fluid"):
+        model_of(*rigid[:2])
     assert model_of(text=FREE.replace(", viscosity = 1.0", "")) == (True, True, True, False, True)
     alone = 'material=[{region="all", fluid={density=1000.0, viscosity=1.0}}]'
     assert model_of(alone) == (True, True, True, True, False)

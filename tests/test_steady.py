@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 from free_flow import Flow, solved
 from manufactured import x, y
 from running import SCENES, Job, run_here
+from scipy.optimize import brentq
 
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.output.history import read_history
@@ -58,3 +60,27 @@ def test_where_no_path_leads_to_a_flow_the_run_says_how_far_it_came(tmp_path):
         driven(tmp_path, 1e-3, "coupling.max_iterations=7")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["load_parts"] == 0
     assert read_history(tmp_path / "run" / "history.csv")["t"].tolist() == [0.0]  # parts of a load are no results
+
+
+BLOCK = """
+title = "A square pressed together in steps"
+mesh = { kind = "rectangle", order = 2, x = { points = [0.0, 1.0], cells = [4] }, y = { points = [0.0, 1.0], cells = [4] } }
+time = { scheme = "steady", end = 3.0, step = 1.0 }
+material = [{ region = "body", solid = { law = "neo_hookean", young = 1e6, poisson = 0.49, density = 1000.0 } }]
+boundary = [{ on = "left", displacement = { x = 0.0 } }, { on = "bottom", displacement = { y = 0.0 } },
+    { on = "top", displacement = { y = "-0.05*minimum(t, 2) - 0.06*where(t > 2.5, 1, 0)" } }, { on = "right" }]
+probe = [{ name = "corner", at = [1.0, 1.0], quantities = ["u_x"] }]
+"""
+
+
+def test_a_later_step_is_continued_from_the_data_of_the_one_before(tmp_path):
+    """Not from none of them: to half of the load would be further from the state before than the whole step.
+
+    The homogeneous state in plane strain, l the stretch s along x under 0.84 along y: mu (s - 1/s) + lambda ln(0.84 s)/s = 0.
+    """
+    (tmp_path / "block.toml").write_text(BLOCK)
+    summary = run_here(Job(str(tmp_path / "block.toml"), str(tmp_path / "run")))
+    assert summary["load_parts"] >= 2
+    mu, lam = 1e6 / (2 * 1.49), 1e6 * 0.49 / (1.49 * 0.02)
+    stretch = brentq(lambda s: mu * (s - 1 / s) + lam * np.log(0.84 * s) / s, 1.0, 1.5)
+    assert read_history(tmp_path / "run" / "history.csv")["corner.u_x"][-1] == pytest.approx(stretch - 1, rel=1e-6)

@@ -144,6 +144,7 @@ class Scene(Table):
             if getattr(self.model, term) == "auto":
                 raise wrong("received 'auto' without porous materials, expected true or false", f"model.{term}")
         self._check_viscosity()
+        self._check_moving_mesh()
         if any(material.kind == "porous" for material in self.material):
             self._check_pores_beside_fluid()
         else:
@@ -186,6 +187,13 @@ class Scene(Table):
                         text = f"received '{tag}', which {taken[tag]} has already, expected each surface once"
                         raise wrong(text, f"interface.{i}.{side}")
                     taken[tag] = f"interface.{i}.{side}"
+
+    def _check_moving_mesh(self):
+        """Refuse a mesh at rest where fluid and solid see each other: the velocity of the solid comes with the mesh."""
+        kinds = {material.kind for material in self.material}
+        if not self.model.moving_mesh and {"fluid", "solid"} <= kinds and self.coupling.scheme != "one_way":
+            text = "received false with a solid beside the fluid, which would not feel its velocity, expected true"
+            raise wrong(f"{text}; or take coupling.scheme = 'one_way'", "model.moving_mesh")
 
     def _check_viscosity(self):
         """Refuse a free fluid whose viscosity would not be used: without it no wall holds the flow."""

@@ -34,8 +34,13 @@ class Convergence:
         self.tolerance, self.largest, self.history = tolerance, {}, []
 
     def start_step(self):
-        """Forget the scales of the last step; force_per_rate : of the volume balance [N s/m³], infinite where it is not known."""
-        self._scales, self._present, self.history, self.force_per_rate = {}, {}, [], float("inf")
+        """Forget the scales of the last step.
+
+        force_per_rate : of the volume balance [N s/m³], infinite where it is not known; flow_force_per_rate : the same for
+        forces of the fluid alone
+        """
+        self._scales, self._present, self.history = {}, {}, []
+        self.force_per_rate = self.flow_force_per_rate = float("inf")
 
     def reached(self, norms, drag, cancelling):
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
@@ -79,7 +84,10 @@ class Convergence:
     def _largest_like(self, field):
         """Return the largest force of run and iterate in the unit of a field, or its own largest term."""
         force = max(norm for other, norm in self._present.items() if other != "volume")
-        return max(self._present[field], force / self.force_per_rate) if field == "volume" else force
+        if field != "volume":
+            return force
+        flow = self._present.get("fluid momentum", 0.0) / self.flow_force_per_rate
+        return max(self._present[field], force / self.force_per_rate, flow)
 
     @property
     def slow(self):

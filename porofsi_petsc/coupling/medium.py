@@ -56,6 +56,7 @@ class Medium:
         self.solid.begin_step(solid_scheme, t)
         self.fluid.begin_step(fluid_scheme, rates, t, accepted)
         self.convergence.start_step()
+        self.convergence.flow_force_per_rate = self.fluid.force_per_rate(rates)
         self._begin(t, rates, accepted)
         for iteration in range(self._cap + 1):
             self.fluid.follow(self.carrier())

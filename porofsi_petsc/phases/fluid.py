@@ -173,6 +173,25 @@ class FluidPhase:
             domain.add(nodal, chunk, np.broadcast_to(both, (len(both), domain.cells.shape[1], 2)))
         return dict(zip(("fluid momentum", "volume"), nodal.T, strict=True))
 
+    def force_per_rate(self, rates):
+        """Return the least force of a free fluid over the volume flux it goes with, (ρ c_f + μ g²)/g [N s/m³] (collective).
+
+        What is left of forces that cancel, as in a fluid at rest under its weight, is a velocity by their round-off; g =
+        Σ_a |∇N_a|.  Infinite in a porous medium, where the drag and the skeleton resist, too.
+        """
+        if self._setup.porous:
+            return np.inf
+        least = np.inf
+        for region, span in self.domain.region_slices.items():
+            material, g = self._setup.materials[region], self._steepness[span]
+            least = min(least, ((material.rho_fR * rates.c_f + material.viscosity * g**2) / g).min(initial=np.inf))
+        return self.mesh.comm.allreduce(least, MPI.MIN)
+
+    @cached_property
+    def _steepness(self):
+        """Return Σ_a |∇N_a| of the elements in the reference configuration, (E,) [1/m]."""
+        return np.linalg.norm(self.domain.reference.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
+
     def _weigh_drag(self, skeleton):
         """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N s/m]."""
         domain, drag = self.domain, np.empty(self.domain.n_cells)

@@ -37,6 +37,10 @@ class Residual:
         total, *terms = euclidean_norms(self._comm, self.vectors())
         return total, max(terms)
 
+    def largest_force(self):
+        """Return the largest norm of a term over all rows and ranks, those of prescribed values included (collective)."""
+        return max(euclidean_norms(self._comm, list(self.terms.values())))
+
     def power(self, velocity):
         """Return name -> term · velocity over all rows and ranks, velocity (n_owned, k) (collective)."""
         local = np.array([np.vdot(term, velocity) for term in self.terms.values()])

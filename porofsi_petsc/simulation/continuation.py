@@ -7,12 +7,12 @@ from ..errors import ConvergenceError
 from ..log import logger
 
 FIRST, SMALLEST = 0.5, 1 / 64  # parts of the load: the first one tried, and below which none is
-ADVICE = 'try a finer mesh or more coupling.max_iterations, or follow the flow in time with time.scheme = "generalized_alpha"'
+ADVICE = 'try a finer mesh, smaller steps of the data or more coupling.max_iterations, or time.scheme = "generalized_alpha"'
 
 
 @dataclass(frozen=True)
 class Scaled:
-    """λ times an expression of (t, x); `source` is its text, by which equal ones are known."""
+    """An expression of (t, x) on the way of a `LoadFactor`; `source` is its text, by which equal ones are known."""
 
     factor: "LoadFactor"
     expression: Callable
@@ -24,15 +24,21 @@ class Scaled:
 
     def __call__(self, t, X):
         """Return the values at points X (n, d), (n,)."""
-        return self.factor.value * self.expression(t, X)
+        part, since = self.factor.value, self.factor.since
+        if part == 1 or since is None:
+            return part * self.expression(t, X)
+        return (1 - part) * self.expression(since, X) + part * self.expression(t, X)
 
 
 class LoadFactor:
-    """A factor λ of all boundary data and body forces of a scene: 1, but on the way to a steady state."""
+    """The part λ of the way to all boundary data and body forces of a scene: 1, but within a step that is continued.
+
+    since : time [s] of the state that the way sets out from; None: from none of the data
+    """
 
     def __init__(self):
         """Start with the whole load."""
-        self.value = 1.0
+        self.value, self.since = 1.0, None
 
     def of(self, expression):
         """Return the expression `Scaled` by this factor."""
@@ -42,9 +48,9 @@ class LoadFactor:
 class Continuation:
     """Solve steady steps of a medium whose data have a `LoadFactor`.
 
-    Newton's iteration converges from near by: from rest it may not reach the flow, from the flow under a part of the load, with
-    the boundary data as the parameter of the path, it does as long as there is one.  A part that fails is halved, one that
-    succeeds is doubled.
+    Newton's iteration converges from near by: from rest, or from the data of the step before, it may not reach the next state,
+    from that under a part of the way, with the data as the parameter of the path, it does as long as there is one.  A part that
+    fails is halved, one that succeeds is doubled.
     """
 
     def __init__(self, coupling, clock, solve):
@@ -71,7 +77,8 @@ class Continuation:
     def _along(self, schemes, rates):
         """Follow the path to the whole load and return the number of its parts."""
         self._reached, part, parts, iterations = 0.0, FIRST, 0, 0
-        coupling = self._coupling
+        coupling, clock = self._coupling, self._clock
+        self._factor.since = clock.t if clock.step else None
         while self._reached < 1:
             self._factor.value = min(self._reached + part, 1.0)
             try:

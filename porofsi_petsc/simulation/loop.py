@@ -235,10 +235,10 @@ class TimeLoop:
         self._measures.watch_neglected(sizes)
         self._measures.compare(clock, coupling.solid, coupling.fluid)
         self._records.after_step(clock, self.iterations, self.control)
-        self._measures.require_limits(clock.t)
         if self._on_first_step:
             self._on_first_step()
             self._on_first_step = None
+        self._measures.require_limits(clock.t)
 
     def _trial(self, dt, schemes):
         """Return what the step control looks at: the trial displacement and pressure with their times."""

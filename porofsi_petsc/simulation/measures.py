@@ -241,7 +241,7 @@ class Measures:
     def _inertia(self, domain, rate, residual, density):
         """Return the norm of lumped mass times the rate of the velocity over the largest force of the phase in the step."""
         force = self._lumped_mass(domain, density)[:, None] * rate[: self._mesh.n_owned]
-        norm, largest = np.sqrt(self._mesh.comm.allreduce(float(np.vdot(force, force)))), residual.norms()[1]
+        norm, largest = np.sqrt(self._mesh.comm.allreduce(float(np.vdot(force, force)))), residual.largest_force()
         return norm / largest if largest else 0.0
 
     def _lumped_mass(self, domain, density):
