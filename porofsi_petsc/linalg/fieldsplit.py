@@ -56,7 +56,8 @@ def fluid_defaults(dim: int, direct: bool, viscous: bool = False, pspg: bool = T
     factor = direct_defaults() if direct else None
     if factor is not None:
         return factor
-    velocity = {"pc_hypre_boomeramg_max_row_sum": 0.75} | _multigrid(dim) if viscous else {"pc_type": "bjacobi"}
+    smoothed = {"pc_hypre_boomeramg_max_row_sum": 0.75} if has_package("hypre") else {}
+    velocity = smoothed | _multigrid(dim) if viscous else {"pc_type": "bjacobi"}
     pressure = _convection_diffusion(dim) if free else _PRESSURE | _prefixed("inner_", _multigrid(dim))
     schur = {} if pspg else {"pc_fieldsplit_schur_precondition": "selfp"}
     return _FIELDSPLIT | schur | _prefixed("fieldsplit_v_", velocity) | _prefixed("fieldsplit_p_", pressure)
