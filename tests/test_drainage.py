@@ -25,6 +25,9 @@ def scene(top, *changes):
         ("velocity={y=-1e-3}", WALL),  # flowed along the nodes of the top, and through it nothing: no inflow, exit code 0
         ("velocity={y=0}, displacement={y='-1e-3*t'}", WALL),
         ("velocity={y=0}, displacement={y=-1e-3}", WALL),  # in the first step
+        ("velocity={y=0}, displacement={y='-1e-3*sin(t)'}", WALL),
+        ("velocity={y='-1e-3*sin(t)'}, displacement={y='-1e-3*sin(t)'}", WALL),
+        ("velocity={y='-2e-3*t'}, displacement={y='-1e-3*t**3'}", WALL),
         ("velocity={y='where(t > 15, 1e-3, 0)'}, displacement={y=0}", WALL),
     ],
 )
@@ -39,12 +42,18 @@ def test_a_normal_velocity_that_contradicts_is_refused(top, sentence):
         "pressure=0, velocity={x=0}",
         "flux=1e-3",
         "velocity={y='-1e-3*cos(t)'}, displacement={y='-1e-3*sin(t)'}",
-        "velocity={y=0}, displacement={y=0}",
+        "velocity={y='1e-3*cos(100*t)'}, displacement={y='1e-5*sin(100*t)'}",  # 0.1 in a step
+        # turns at a time that is looked at: the rate is round-off there
+        "velocity={y='2e-3*pi*sin(2*pi*t)'}, displacement={y='1e-3*(1 - cos(2*pi*t))'}",
+        "velocity={y='2e-3*t'}, displacement={y='1e-3*t**2'}",
+        "velocity={y='3e-3*t**2'}, displacement={y='1e-3*t**3'}",
+        "velocity={y='5e-4/sqrt(t)'}, displacement={y='1e-3*sqrt(t)'}",
+        "velocity={y='where(t < 0.25, 4e-3, 0)'}, displacement={y='1e-3*minimum(4*t, 1)'}",
         "velocity={y=0}",
     ],
 )
 def test_a_normal_velocity_of_the_wall_is_accepted(top):
-    check(scene(top))
+    check(scene(top, "time.step=1e-3", "time.end=1.0"))
 
 
 def test_a_drained_wall_without_slip_is_refused():

@@ -106,6 +106,8 @@ INERTIA = ("model.solid_inertia=true", "model.fluid_inertia=true")
 MOVED = "boundary.2={on='top', displacement={y='%s'}, pressure=0.0}"
 PLATE = MOVED % -1e-3
 WALL = "boundary.0={on=['left', 'bottom', 'right'], velocity={x=0, y=0}}"
+REST = "initial={fluid_velocity={x=0, y=0}}"
+RAMPED = "boundary.0={on=['left', 'bottom', 'right'], velocity={x='%s', y=0}}"
 REFUSED = {
     "jump with inertia": ("terzaghi", (PLATE, *INERTIA), r"boundary\.2\.displacement\.y\]: received -0\.001 m at 0\+.*minimum"),
     "jump of a step function": (
@@ -143,6 +145,26 @@ REFUSED = {
         ("boundary.0.displacement={x=0, y='0.1*t'}", "time.consistent_start=true"),
         r"\[initial\.solid_velocity\.y\]: received 0 m/s .*with 0\.1 m/s there.*time\.consistent_start",
     ),
+    "linear ramp against a solid at rest": (
+        "terzaghi",
+        (MOVED % "-1e-3*minimum(t, 1)", "initial={solid_velocity={y=0}}", *INERTIA),
+        r"\[initial\.solid_velocity\.y\]: received 0 m/s .*with -0\.001 m/s there",
+    ),
+    "sine against a solid at rest": (
+        "terzaghi",
+        (MOVED % "-1e-3*sin(t)", *INERTIA, "time.consistent_start=true"),
+        r"\[initial\.solid_velocity\.y\]: received 0 m/s .*with -0\.001 m/s there",
+    ),
+    "small jump before a ramp": (
+        "terzaghi",
+        (MOVED % "-1e-3*minimum(t, 1) - 1e-4", *INERTIA),
+        r"\[boundary\.2\.displacement\.y\]: received -0\.0001 m at 0\+",
+    ),
+    "inflow that has half begun": (
+        FREE,
+        (RAMPED % "0.5 + minimum(t/0.1, 0.5)", REST),
+        r"\[initial\.fluid_velocity\]: received a flow of .* through 'left'",
+    ),
     "flow through a wall": (
         FREE,
         (WALL, "initial={fluid_velocity={x=1.0}}"),
@@ -172,7 +194,33 @@ def test_what_contradicts_is_refused_by_check_and_before_a_run(case, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+# At t = 0 with neither displacement nor velocity.
+SMOOTH = {
+    "cosine": "1 - cos(3*t)",
+    "square": "t**2",
+    "cube": "t**3",
+    "root of a cube": "t*sqrt(t)",
+    "smoothstep": "minimum(t, 1)**2*(3 - 2*minimum(t, 1))",
+    "late ramp": "maximum(t - 1, 0)",
+    "pulse": "exp(-(t - 6)**2)",  # 2e-16 at t = 0
+}
 ALLOWED = {
+    **{
+        f"{name} {kind}": ("terzaghi", (MOVED % f"-1e-4*({formula})", *INERTIA, change))
+        for name, formula in SMOOTH.items()
+        for kind, change in (
+            ("from rest", "initial={solid_velocity={y=0}}"),
+            ("in a consistent start", "time.consistent_start=true"),
+        )
+    },
+    **{
+        f"inflow of a {name}": (FREE, (RAMPED % formula, REST, "time.end=10.0"))
+        for name, formula in {**SMOOTH, "ramp": "minimum(t/0.1, 1)", "root": "sqrt(t)"}.items()
+    },
+    "inflow of a ramp in a consistent start": (
+        FREE,
+        (RAMPED % "minimum(t/0.1, 1)", "time.consistent_start=true", "model.solid_inertia=true"),
+    ),
     "ramp with inertia": ("terzaghi", (MOVED % "-1e-3*minimum(t, 1)", *INERTIA)),
     "root with inertia": ("terzaghi", (MOVED % "-1e-3*sqrt(t)", *INERTIA)),
     "jump without inertia": ("terzaghi", (PLATE,)),
@@ -232,6 +280,17 @@ def test_an_initial_pressure_is_drained_from_the_first_step_on(rho_inf, tmp_path
     print(p[:3], error)
     assert p[0] == 1e4 and p[1:].min() > 0  # within the first element below the drain
     assert error["u"] < 0.01 and error["p"] < 0.001
+
+
+def test_a_pressure_that_grows_from_the_initial_one_is_balanced_with_it(tmp_path):
+    """At 0+ a ramp is 1e-15 of what it is after a step, which is no load that p = 0 contradicts."""
+    texts = []
+    for name, formula in (("ramp", "1e4*t"), ("from zero", "where(t > 1e-9, 1e4*t, 0)")):
+        top = f"boundary.2={{on='top', pressure='{formula}'}}"
+        short = (*SMALL, "time.rho_inf=0.5", "time.end=0.1", "initial={pressure=0}", top)
+        run_here(Job("terzaghi", str(tmp_path / name), short))
+        texts.append((tmp_path / name / "history.csv").read_text())
+    assert texts[0] == texts[1]
 
 
 def test_a_flow_that_starts_at_once_is_solenoidal_in_every_step():

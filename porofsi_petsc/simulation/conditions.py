@@ -6,6 +6,8 @@ from ..fem.essential import Dirichlet, Essential
 
 AXES = "xyz"
 AT_ONCE = 1e-15  # 0+, in first steps: a ramp, even one like √t, has not begun
+RATE = 1e-5  # in first steps: the distance of the points from which a rate is extrapolated, far below what a step resolves
+ROUND_OFF = 1e-14  # of a value that a formula gives, some tens of units in the last place
 SAMPLES = 16  # times of a run at which values on common nodes are compared before it starts; every step compares its own
 
 
@@ -50,6 +52,23 @@ def sample_times(section):
 def at_once(section):
     """Return a time that stands for 0+ [s]: after `where(t > 0, …)` switches, before anything else has changed."""
     return AT_ONCE * section.step
+
+
+def just_after(t, section):
+    """Return the first of the times from which `rate_after` takes a rate [s]."""
+    return t + RATE * section.step
+
+
+def rate_after(values, t, section):
+    """Return the right-hand derivative at t of values(t) -> (n,), and a bound of its error, (n,) each.
+
+    Quotients q₁, q₂ over (t + δ, t + 2δ, t + 3δ) are those at 3/2 δ and 5/2 δ but for O(δ²), hence
+    f'(t+) = q₁ - 3/2 (q₂ - q₁) + O(δ²).  Twice the correction bounds the error of a start like t^{3/2} too.
+    """
+    delta = RATE * section.step
+    first, second, third = (values(t + n * delta) for n in (1, 2, 3))
+    quotient, correction = (second - first) / delta, 1.5 * (third - 2 * second + first) / delta
+    return quotient - correction, 2 * np.abs(correction) + ROUND_OFF * np.abs(second) / delta
 
 
 def nodes_of(mesh, tags):

@@ -12,12 +12,10 @@ import numpy as np
 from ..errors import InputError
 from ..fem.boundary import facet_normals, interface_facets
 from ..fem.essential import first_node
-from .conditions import AXES, at_once, components, nodal_field
+from .conditions import AXES, at_once, components, nodal_field, rate_after, sample_times
 
 AGREE = 1e-3  # of the largest value: below errors of discretization, above the digits of numbers that were written by hand
 THROUGH = 0.1  # of the largest speed: on coarse facets of a curved wall a flow along it has that much to flow through them
-QUOTIENT = 1e-2  # of a displacement over a first step: AGREE of it is above round-off and truncation of the quotient below
-RATE = 1e-6  # in first steps: of the difference quotient for the rate of a prescribed displacement at 0+, good for nine digits
 
 
 def put_at_start(scene, solid, fluid, motion=None, transfer=None):
@@ -64,7 +62,8 @@ class _Start:
             return False
         conditions = self._fluid.pressure.conditions
         p, values = self.pressure()[:, None], self._values(conditions, self._now)
-        return self._first_apart(conditions, p, values, self._largest(p, *values)) is None
+        scale = self._largest(p, *values, *self._values(conditions, self._scene.time.step))
+        return self._first_apart(conditions, p, values, AGREE * scale) is None
 
     # -- what is given against what is prescribed -------------------------------------------------------------------------
 
@@ -72,14 +71,15 @@ class _Start:
         """Refuse a given displacement that is another one at 0+, and with inertia a jump of what is not given."""
         conditions = self._solid.dirichlet.conditions
         values = self._values(conditions, self._now)
-        scale = self._largest(self.u, *values, *self._values(conditions, self._scene.time.step))
+        moved = self._scene.time.step * self._speed(conditions)  # in a step: a jump of AGREE of it is lost in the motion
+        agree = AGREE * max(self._largest(self.u, *values), moved)
         given = components(self._initial.displacement)
         counts = [condition.given.component in given for condition in conditions]
         some, wanted = (list(itertools.compress(whole, counts)) for whole in (conditions, values))
-        apart = self._first_apart(some, self.u, wanted, scale)
+        apart = self._first_apart(some, self.u, wanted, agree)
         if apart is not None:
             self._refuse("displacement", apart, "m", "then the boundary moves there in the first step")
-        apart = self._first_apart(conditions, self.u, values, scale)
+        apart = self._first_apart(conditions, self.u, values, agree)
         if apart is not None and self._has_inertia:
             self._refuse_jump(*apart)
 
@@ -90,15 +90,15 @@ class _Start:
 
     def require_solid_velocity(self):
         """Refuse a given velocity of the solid that is not the rate of the prescribed displacement at 0+."""
-        conditions, tiny = self._solid.dirichlet.conditions, RATE * self._scene.time.step
-        before, after = (self._values(conditions, n * tiny) for n in (1, 2))
-        rates = [(b - a) / tiny for a, b in zip(before, after, strict=True)]
-        given, strict = components(self._initial.solid_velocity), self._scene.time.consistent_start
-        counts = [strict or condition.given.component in given for condition in conditions]
-        chosen, wanted = (list(itertools.compress(whole, counts)) for whole in (conditions, rates))
-        uncertain = QUOTIENT * self._largest(*before) / self._scene.time.step
-        scale = max(self._largest(self.v_s, *wanted), uncertain)
-        apart = self._first_apart(chosen, self.v_s, wanted, scale)
+        conditions, time = self._solid.dirichlet.conditions, self._scene.time
+        found = [rate_after(lambda t, c=c: c.values(self._mesh, t), 0.0, time) for c in conditions]
+        given = components(self._initial.solid_velocity)
+        counts = [time.consistent_start or c.given.component in given for c in conditions]
+        chosen, found = (list(itertools.compress(whole, counts)) for whole in (conditions, found))
+        wanted, uncertain = ([pair[i] for pair in found] for i in (0, 1))
+        scale = max(self._largest(self.v_s, *wanted), self._speed(conditions))
+        agree = [AGREE * scale + error for error in uncertain]
+        apart = self._first_apart(chosen, self.v_s, wanted, agree)
         if apart is not None:
             self._refuse("solid_velocity", apart, "m/s", "then the boundary jumps in the first step")
 
@@ -110,18 +110,24 @@ class _Start:
         given = set(components(self._initial.fluid_velocity))
         counts = set(range(self._mesh.dim)) if self._scene.time.consistent_start else given
         surfaces = [surface for surface in self._surfaces(counts) if counts]
-        scale = self._largest(self._v_f, *(wanted for *_, wanted in surfaces))
+        largest = self._largest(self._v_f, *(np.nan_to_num(wanted) for *_, wanted in surfaces))
+        agree = max(THROUGH * largest, AGREE * self._fastest_flow())
         found = []
         for number, (_, nodes, normal, wanted) in enumerate(surfaces):
             difference = np.where(np.isfinite(wanted), self._v_f[nodes] - wanted, 0.0).mean(axis=1)
             through = (difference * normal).sum(axis=1)
-            here = np.abs(through) > THROUGH * scale
+            here = np.abs(through) > agree
             first = nodes[here, self._mesh.natural[nodes[here]].argmin(axis=1)]
             found += [(node, number, size) for node, size in zip(first, through[here], strict=True)]
         first = first_node(self._mesh, found)
         if first is not None:
             place, number, size = first
             self._refuse_flow(surfaces[number][0], place, size)
+
+    def _fastest_flow(self):
+        """Return the largest velocity that is prescribed to the fluid in the run (collective)."""
+        conditions, times = self._fluid.velocity.conditions, sample_times(self._scene.time)
+        return self._largest(*(c.values(self._mesh, t) for c in conditions for t in times))
 
     def _surfaces(self, counts):
         """Return (name, nodes (F, Af), normals (F, d), wanted velocity (F, Af, d), nan where free) around the fluid."""
@@ -199,12 +205,22 @@ class _Start:
         mine = max((float(np.abs(array).max(initial=0.0)) for array in arrays), default=0.0)
         return max(self._mesh.comm.allgather(mine))
 
-    def _first_apart(self, conditions, field, values, scale):
-        """Return `Essential`, place, present and wanted value of the first node with a difference, or None (collective)."""
+    def _speed(self, conditions):
+        """Return the largest mean rate from 0+ to a time of the run, the first step among them (collective)."""
+        start, times = self._values(conditions, self._now), sample_times(self._scene.time)[1:]
+        ends = ((self._values(conditions, t), t) for t in times)
+        return self._largest(*((b - a) / t for end, t in ends for a, b in zip(start, end, strict=True)))
+
+    def _first_apart(self, conditions, field, values, agree):
+        """Return `Essential`, place, present and wanted value of the first node with a difference, or None (collective).
+
+        agree : the difference that is none, one number or a list of (n,) as values
+        """
         found = []
-        for number, (condition, wanted) in enumerate(zip(conditions, values, strict=True)):
+        bounds = agree if isinstance(agree, list) else itertools.repeat(agree, len(conditions))
+        for number, (condition, wanted, bound) in enumerate(zip(conditions, values, bounds, strict=True)):
             has = field[condition.nodes, condition.given.component]
-            apart = np.abs(has - wanted) > AGREE * scale
+            apart = np.abs(has - wanted) > bound
             found += [(node, number, a, b) for node, a, b in zip(condition.nodes[apart], has[apart], wanted[apart], strict=True)]
         first = first_node(self._mesh, found)
         if first is None:
