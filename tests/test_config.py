@@ -316,6 +316,16 @@ def test_a_consistent_start_needs_a_skeleton_with_inertia(scene_file):
         load_scene(scene_file, ["time.consistent_start=true", "model.solid_inertia=false"])
 
 
+EULER = "time={scheme='backward_euler', end=1.0, step=0.5}"
+
+
+@pytest.mark.parametrize("scene, term", [("cook_membrane", "solid_inertia"), ("cavity", "fluid_inertia")])
+def test_of_inertia_only_that_of_what_is_there_counts(scene, term):
+    with pytest.raises(InputError, match=rf"with inertia, expected model\.{term} = false, or scheme"):
+        load_scene(scene, [EULER, "model={}", "expect=[]"])
+    assert load_scene(scene, [EULER, f"model={{{term}=false}}", "expect=[]"]).time.scheme == "backward_euler"
+
+
 def test_two_probes_of_one_name(tmp_path):
     path = tmp_path / "twice.toml"
     path.write_text(SCENE.replace("[figures]", '[[probe]]\nname = "A"\nat = [0.0, 0.0]\nquantities = ["p"]\n[figures]'))

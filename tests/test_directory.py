@@ -190,6 +190,7 @@ def finished(tmp_path_factory):
     [
         ("time.end=4e-3", ("-fluid_ksp_typ", "gmres"), "nothing used -fluid_ksp_typ"),
         ("time.end=4e-3", ("-fluid_ksp_type", "nosuch"), "cannot be made"),
+        ("time.end=4e-3", ("-fluid_pc_type", "shell"), "cannot work"),
         ("coupling.max_iterations=1", (), "did not converge"),
     ],
 )
@@ -241,6 +242,40 @@ def test_a_second_run_is_refused_and_a_killed_one_is_not_in_the_way(tmp_path, ho
     with claim(tmp_path):
         assert f"process {os.getpid()} " in (tmp_path / ".lock").read_text()
     assert not any(tmp_path.iterdir())
+
+
+def refused_lock(folder):
+    """Refuse a folder for its .lock in every way to take it."""
+    for choice in ({}, {"force": True}, {"restart": folder / "checkpoint.h5"}):
+        with pytest.raises(InputError, match=r"\.lock: received a link or a file that no run has written"):
+            claim(folder, **choice)
+
+
+@pytest.mark.parametrize("text", ["precious", "process 1 on machine\nand more\n", "\n", "\0", "p" * 5000])
+def test_a_lock_file_of_the_users_own_is_left_alone(tmp_path, text):
+    (tmp_path / ".lock").write_text(text)
+    refused_lock(tmp_path)
+    assert content(tmp_path) == {".lock": text}
+
+
+@pytest.mark.parametrize("text", [None, "", "precious", "process 1 on machine\n"])
+def test_a_linked_lock_is_not_followed(tmp_path, text):
+    """To any file, also to none and to one like a lock."""
+    precious, folder = tmp_path / "precious.txt", tmp_path / "here"
+    folder.mkdir()
+    (folder / ".lock").symlink_to(precious)
+    if text is not None:
+        precious.write_text(text)
+    refused_lock(folder)
+    assert (folder / ".lock").is_symlink() and precious.exists() == (text is not None)
+    assert text is None or precious.read_text() == text
+
+
+@pytest.mark.parametrize("make", [os.mkdir, os.mkfifo])
+def test_a_lock_that_is_no_file_is_refused(tmp_path, make):
+    make(tmp_path / ".lock")
+    refused_lock(tmp_path)
+    assert (tmp_path / ".lock").exists()
 
 
 def test_a_file_system_without_locks_refuses_nobody(tmp_path, monkeypatch):

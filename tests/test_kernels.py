@@ -214,6 +214,18 @@ def test_ehlers_eipper_ends_at_the_compaction_point():
     assert np.isnan(stress[3])
 
 
+@pytest.mark.parametrize("law", ["neo_hookean", "xie_leo", "ehlers_eipper"])
+@pytest.mark.filterwarnings("error")
+def test_an_inverted_trial_state_is_marked_without_a_warning(law):
+    """J = -1/2, and J = 0 where the logarithm is infinite."""
+    H = np.zeros((2, 2, 2))
+    H[:, 1, 1] = -1.5, -1.0
+    material = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4)
+    for found in (material.energy(H), material.stress(H)[:, 1, 1], material.tangent(H)[:, 1, 1, 1, 1]):
+        assert not np.isfinite(found[1])
+    assert np.isnan(material.stress(H)[0, 1, 1]) and np.isnan(material.energy(H)[0])
+
+
 @pytest.mark.parametrize("law", [law for law in ELASTIC if law != "harmonic"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_volumetric_compliance_is_that_of_the_stress_of_a_compressed_body(dim, law):

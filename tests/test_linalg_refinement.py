@@ -99,6 +99,56 @@ solver.solve(block.load())
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize(
+    "text, reason",
+    [
+        ("-odd_pc_type shell", "No apply"),
+        ("-odd_pc_type python", "-pc_python_type"),
+        ("-odd_pc_type lsc -odd_ksp_type gmres", "seqaij"),
+    ],
+)
+def test_a_solver_that_cannot_work_is_wrong_input(text, reason):
+    """PETSc notices it at the set-up or only in the solve."""
+    options.start(command_line=text.split())
+    A = FluidBlock(MPI.COMM_SELF, 2, 2, False).matrix("odd_")
+    solver = LinearSolver(A.mat, "odd_", {"ksp_type": "preonly"})
+    with pytest.raises(InputError, match=f"a solver -odd_… cannot work: .*{reason}.*; choose another"):
+        solver.solve(np.ones(A.mat.getSize()[0]))
+    solver.destroy()
+    A.destroy()
+    options.start()
+
+
+@pytest.mark.parametrize("stage", ["setUp", "solve"])
+@pytest.mark.parametrize("code", [55, 76])
+def test_any_other_error_of_petsc_is_a_failed_solve(stage, code):
+    """Out of memory, error in an external library."""
+
+    class Failing:
+        def __getattr__(self, name):
+            return fail if name == stage else getattr(ksp, name)
+
+    def fail(*_):
+        raise PETSc.Error(code)
+
+    A = FluidBlock(MPI.COMM_SELF, 2, 2, False).matrix("bad_")
+    solver = LinearSolver(A.mat, "bad_", direct_defaults())
+    ksp, solver.ksp = solver.ksp, Failing()
+    with pytest.raises(ConvergenceError, match="linear solver bad_: its (set-up|solve) failed: "):
+        solver.solve(np.ones(A.mat.getSize()[0]))
+    solver.destroy()
+    A.destroy()
+
+
+def test_the_advice_of_a_solver_that_fails_names_the_options():
+    A = FluidBlock(MPI.COMM_SELF, 2, 4, False).matrix("few_")
+    solver = LinearSolver(A.mat, "few_", {"ksp_type": "gmres", "pc_type": "none", "ksp_max_it": 1})
+    with pytest.raises(ConvergenceError, match=r"direct solver \(-few_ksp_type preonly -few_pc_type lu\)"):
+        solver.solve(np.arange(A.mat.getSize()[0]) + 1.0)
+    solver.destroy()
+    A.destroy()
+
+
 @pytest.mark.parametrize("text", ["-odd_pc_type nosuch", "-odd_pc_type lu -odd_pc_factor_mat_solver_type nosuch"])
 def test_a_solver_that_petsc_lacks_is_wrong_input(text):
     options.start(command_line=text.split())

@@ -40,6 +40,16 @@ def test_linear_elements_of_a_nearly_incompressible_solid_are_refused():
         serial_mesh(load_scene(FLAP, [NEARLY]))
 
 
+def test_a_ratio_just_above_the_bound_is_told_from_it():
+    with pytest.raises(InputError, match=r"a Poisson ratio of 0\.4900001\d* on .* expected 0\.49 at most"):
+        serial_mesh(load_scene(FLAP, ["material.1.solid.poisson=0.4900001"]))
+
+
+@pytest.mark.parametrize("ratio", ["0.49", "0.45", "0.3", "0.4999"])
+def test_a_ratio_at_the_bound_is_not_above_it_by_round_off(ratio):
+    serial_mesh(load_scene(FLAP, [f"material.1.solid.poisson={ratio}", f"limits.locking={ratio}"]))
+
+
 @pytest.mark.parametrize(
     "change", ["mesh.order=2", "limits.locking=report", "limits.locking=0.49999", "material.1.solid.poisson=0.48"]
 )

@@ -227,14 +227,18 @@ class Scene(Table):
             raise wrong(text, "model.porosity")
 
     def _check_time_scheme(self):
-        if self.time.scheme != "generalized_alpha" and (self.model.solid_inertia or self.model.fluid_inertia):
+        present = zip(("solid_inertia", "fluid_inertia"), self.phases, strict=True)
+        terms = [term for term, exists in present if exists]
+        if self.time.scheme != "generalized_alpha" and any(getattr(self.model, term) for term in terms):
             received = f"received '{self.time.scheme}' with inertia"
-            text = "expected model.solid_inertia = false and model.fluid_inertia = false"
+            text = f"expected {' and '.join(f'model.{term} = false' for term in terms)}"
             raise wrong(f"{received}, {text}, or scheme = 'generalized_alpha'", "time.scheme")
         alone = self.phases == (False, True)  # a free fluid has the acceleration
-        if self.time.consistent_start and (self.model.fluid_inertia if alone else self.model.solid_inertia) is not True:
-            received = f"received true with model.solid_inertia = {_toml(self.model.solid_inertia)}"
-            raise wrong(f"{received}, expected a skeleton that has an acceleration; leave it out", "time.consistent_start")
+        term, body = ("fluid_inertia", "fluid") if alone else ("solid_inertia", "skeleton")
+        inertia = getattr(self.model, term)
+        if self.time.consistent_start and inertia is not True:
+            received = f"received true with model.{term} = {_toml(inertia)}"
+            raise wrong(f"{received}, expected a {body} that has an acceleration; leave it out", "time.consistent_start")
         if self.time.consistent_start and self.model.fluid_inertia == "auto":
             text = "received true with model.fluid_inertia = 'auto', expected true or false: the start depends on it"
             raise wrong(text, "time.consistent_start")

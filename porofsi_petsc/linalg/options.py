@@ -3,6 +3,7 @@
 import difflib
 import itertools
 import os
+import re
 import shlex
 import signal
 import sys
@@ -105,8 +106,8 @@ def has_package(name: str) -> bool:
 
 
 def reason_of(error: Exception) -> str:
-    """Return the last line of PETSc's trace, the one that says what is wrong."""
-    return str(error).strip().splitlines()[-1].split("] ", 1)[-1]
+    """Return the last entry of PETSc's trace, the one that says what is wrong, as one line."""
+    return " ".join(re.split(r"^\[\d+\] ", str(error), flags=re.MULTILINE)[-1].split())
 
 
 def _petsc():

@@ -18,6 +18,7 @@ _REASONS = {number: name for name, number in vars(PETSc.KSP.ConvergedReason).ite
 _MISSING = (86, 92)  # PETSC_ERR_UNKNOWN_TYPE, PETSC_ERR_MISSING_FACTOR
 _NOT_CONVERGED = 91  # PETSC_ERR_NOT_CONVERGED, instead of a reason with -ksp_error_if_not_converged
 _FILES = (65, 66, 67)  # PETSC_ERR_FILE_OPEN, _READ, _WRITE
+_UNFIT = (56, 60, 62, 73, 75, 83)  # PETSC_ERR_SUP, _ARG_SIZ, _ARG_WRONG, _ARG_WRONGSTATE, _ARG_INCOMP, _USER
 _living: list = []  # strong references: the garbage collector runs at different times on the ranks, and an end is collective
 
 
@@ -204,9 +205,7 @@ class LinearSolver:
                 self._prepare_pressure()
                 self.ksp.setUpOnBlocks()  # counts as set-up instead of as a part of the first solve
         except PETSc.Error as error:
-            if error.ierr in _MISSING:
-                raise _missing(self.prefix, error) from error
-            raise ConvergenceError(f"linear solver {self.prefix}: its set-up failed: {reason_of(error)}") from error
+            raise _broken(self.prefix, error, "set-up") from error
 
     def _prepare_pressure(self):
         """Give the pressure's block, which a FieldSplit has made by now, its near-null space and the given object."""
@@ -223,10 +222,8 @@ class LinearSolver:
             with stage("solve"):
                 self.ksp.solve(self._b, self._x)
         except PETSc.Error as error:
-            if error.ierr in _FILES:
-                raise InputError(f"PETSc options: {reason_of(error)}; correct the file of an option -{self.prefix}…") from error
             if error.ierr != _NOT_CONVERGED:
-                raise
+                raise _broken(self.prefix, error, "solve") from error
         reason = self.ksp.getConvergedReason()
         if reason > 0 and not np.isfinite(self._x.norm()):
             reason = int(PETSc.KSP.ConvergedReason.DIVERGED_NANORINF)
@@ -246,8 +243,14 @@ class LinearSolver:
             f"linear solver {self.prefix} ({self.ksp.getType()}, {self.ksp.getPC().getType()}) failed with {text} after "
             f"{self.ksp.getIterationNumber()} iterations, residual {self.ksp.getResidualNorm():.3g} (right-hand side "
             f"{self._b.norm():.3g})",
-            f"see -{self.prefix}ksp_monitor -{self.prefix}ksp_converged_reason, or try a direct solver",
+            self._advice(),
         )
+
+    def _advice(self):
+        advice = f"see -{self.prefix}ksp_monitor -{self.prefix}ksp_converged_reason"
+        if self.direct and self.ksp.getPC().getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
+            return advice
+        return f"{advice}, or try a direct solver (-{self.prefix}ksp_type preonly -{self.prefix}pc_type lu)"
 
 
 def direct_defaults(symmetric: bool = False) -> dict[str, object] | None:
@@ -354,6 +357,18 @@ def _make_ksp(matrix, prefix, fields):
 
 def _factor(kind, package):
     return {"ksp_type": "preonly", "pc_type": kind, "pc_factor_mat_solver_type": package}
+
+
+def _broken(prefix, error, stage_name):
+    """Return the error of the user for one of PETSc: of options that cannot work, else of this matrix."""
+    if error.ierr in _FILES:
+        return InputError(f"PETSc options: {reason_of(error)}; correct the file of an option -{prefix}…")
+    if error.ierr in _MISSING:
+        return _missing(prefix, error)
+    if error.ierr in _UNFIT:
+        what = f"PETSc options: a solver -{prefix}… cannot work: {reason_of(error)}"
+        return InputError(f"{what}; choose another -{prefix}ksp_type or -{prefix}pc_type")
+    return ConvergenceError(f"linear solver {prefix}: its {stage_name} failed: {reason_of(error)}")
 
 
 def _missing(prefix, error):

@@ -12,6 +12,11 @@ from ..compiled import inlined, plain, specialized, stack
 from ..tensors import det_minus_one, determinant_minus_one, invert, scaled_identity, stacked, trace, transpose
 
 
+def _marking_inadmissible():
+    """Return a decorator of functions whose NaN at J <= 0, by intention, is no warning of NumPy's."""
+    return np.errstate(invalid="ignore", divide="ignore")
+
+
 @dataclass(frozen=True)
 class ElasticLaw:
     """Lamé parameters [Pa] that every law reduces to at small strain.
@@ -154,6 +159,7 @@ def _kirchhoff_tangent_loop(d):
 class _CompressibleNeoHookean(ElasticLaw):
     """Psi = mu/2 (I1 - 3) - mu ln J + U(J); a law gives U, J U' and J (J U')' as functions of J - 1."""
 
+    @_marking_inadmissible()
     def energy(self, H):
         """Return Psi, (...); I1 - 3 = 2 tr E."""
         J_1 = det_minus_one(H)
@@ -251,6 +257,7 @@ def _compressible_tangent_loop(d):
 class NeoHookean(_CompressibleNeoHookean):
     """U = lambda/2 (ln J)^2 (Bonet & Wood, Nonlinear Continuum Mechanics, eq. 6.27)."""
 
+    @_marking_inadmissible()
     def _volumetric(self, J_1):
         lnJ = np.log1p(J_1)
         return self.lam / 2 * lnJ**2, self.lam * lnJ, np.broadcast_to(self.lam, J_1.shape)
@@ -269,6 +276,7 @@ class XieLeo(_CompressibleNeoHookean):
     The law of the exact consolidation of Xie & Leo (2004), 1/m = E_c; for compression (U falls at J far above 1).
     """
 
+    @_marking_inadmissible()
     def _volumetric(self, J_1):
         J, lnJ, E_c = 1 + J_1, np.log1p(J_1), self.oedometer_modulus
         square = J_1 * (2 + J_1)
@@ -281,6 +289,7 @@ class EhlersEipper(_CompressibleNeoHookean):
 
     compacts = True
 
+    @_marking_inadmissible()
     def _volumetric(self, J_1):
         n, J = self.n_s0, 1 + J_1
         open_fraction = 1 - n
