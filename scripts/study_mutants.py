@@ -26,10 +26,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "porofsi_petsc"
 TARGETS = {
     "materials/permeability.py": ["test_permeability.py"],
-    "materials/porous.py": ["test_permeability.py", "test_phases.py"],
-    "materials/elastic.py": ["test_kernels.py", "test_exact.py"],
+    "materials/porous.py": ["test_permeability.py", "test_porous_flag.py"],
+    "materials/elastic.py": ["test_kernels.py", "test_exact.py", "-k", "stress or law or strain or confined"],
     "kernels/stabilization.py": ["test_stabilization.py"],
-    "simulation/measures.py": ["test_measures.py", "test_run_end.py", "test_auto_model.py"],
+    "simulation/measures.py": ["test_measures.py", "test_auto_model.py"],
 }
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.MatMult: ast.Mult}
 COMPARISONS = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
@@ -136,7 +136,7 @@ def killed(mutant: Mutant, folder: Path) -> bool:
     environment = os.environ | {"PYTHONPATH": str(copy_of), "PYTHONDONTWRITEBYTECODE": "1"}
     if "compiled import" in mutant.source:  # machine code of its own
         environment["NUMBA_CACHE_DIR"] = str(copy_of / "cache")
-    tests = [f"tests/{name}" for name in TARGETS[mutant.file]]
+    tests = [f"tests/{word}" if word.endswith(".py") else word for word in TARGETS[mutant.file]]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     try:
         result = subprocess.run(command, cwd=copy_of, env=environment, capture_output=True, text=True, timeout=TIMEOUT)
