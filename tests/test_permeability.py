@@ -1,6 +1,7 @@
 """Permeability laws and their drag, against fractions worked out by hand from the formulas of their papers."""
 
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -72,7 +73,13 @@ def test_fractions_and_densities_of_the_limits():
     assert body.immersed.drag0 == pytest.approx(1e4 / 0.75**2, rel=ROUND_OFF)
     assert body.pore_fluid.rho_fR == 750.0
     assert body.pore_fluid.drag0 == body.drag0
+    constant = material("markert")
+    assert constant.viscosity == 0.0
+    second = SimpleNamespace(G=np.ones((1, 2, 3, 2)), volume_gradient=np.ones((1, 2, 2)))
+    assert not constant.fluid_fraction_gradient(np.ones((1, 2)), second).any()
+    assert body.fluid_fraction_gradient(np.full((1, 2), 0.5), second) == pytest.approx(np.full((1, 2, 2), 0.5))
     free = PorousMaterial.free_fluid(1000.0, 1e-3)
+    assert (free.drag0, free.viscosity, free.rho_s) == (0.0, 1e-3, 0.0)
     assert free.is_free_fluid and free.fluid_fraction(J).tolist() == [1.0, 1.0]
     dense = PorousMaterial.dense_solid(body.elastic, 7800.0)
     assert not dense.is_free_fluid and dense.rho_s == 7800.0 and dense.fluid_fraction(J).tolist() == [0.0, 0.0]
