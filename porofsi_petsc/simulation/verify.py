@@ -152,6 +152,7 @@ CASES = {
     ),
     "strip_footing_domain": OrderCase("strip_footing", (DOMAIN[20], DOMAIN[40]), {"p": (1.0, 0.9)}),
     "cavity": SceneCase("cavity", quick=True),
+    "perpendicular_flap": SceneCase("perpendicular_flap"),
     "schaefer_turek_2d1": SceneCase("schaefer_turek_2d1", quick=True),
     "schaefer_turek_2d2": SceneCase("schaefer_turek_2d2"),
     "kovasznay": SceneCase("kovasznay", quick=True),
