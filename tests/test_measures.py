@@ -16,7 +16,7 @@ from porofsi_petsc.simulation.setups import materials_of
 
 pytestmark = pytest.mark.usefixtures("petsc")
 ROUND_OFF = 1e-12
-WIDTH, HEIGHT, AREA = 2.0, 1.0, 2.0
+WIDTH, HEIGHT = 2.0, 1.0
 H = np.array([[-0.02, 0.03], [0.01, 0.04]])
 N_S, N_F, RHO_F = 0.67, 0.33, 1000.0
 MATERIAL = ("material.0.porosity=0.33", "material.0.solid.density=2000.0", "material.0.fluid.density=1000.0")
@@ -107,8 +107,8 @@ def test_reynolds_on_a_moving_mesh_is_that_of_the_relative_velocity_in_the_prese
 
 
 def test_inertia_is_lumped_mass_times_the_rate_of_the_velocity_over_the_largest_force():
-    """Two nodes belong to both triangles, two to one: lumped masses ρ A/6 · (2, 2, 1, 1), A = 2 m² of both."""
-    body, norm = Body(*BASE), AREA / 6 * np.sqrt(10)
+    """Two nodes belong to both triangles, two to one: lumped masses ρ A/6 · (2, 2, 1, 1), A = 6 m² of both."""
+    body, norm = Body(*BASE, "mesh.y.points=[0.0, 3.0]"), WIDTH * 3.0 / 6 * np.sqrt(10)
     sizes = body.sizes(dt=0.5, v_s=(0.3, 0.4), v_f=(0.0, 2.0), force=4.0)
     assert sizes["solid_inertia"] == pytest.approx(N_S * 2000.0 * norm * 0.5 / 0.5 / 4.0, rel=ROUND_OFF)
     assert sizes["fluid_inertia"] == pytest.approx(N_F * RHO_F * norm * 2.0 / 0.5 / 4.0, rel=ROUND_OFF)
@@ -171,6 +171,7 @@ def test_pressure_oscillation_is_the_distance_from_the_average_over_the_neighbou
     mesh = body.coupling.solid.mesh
     p = (np.linalg.norm(mesh.X - [WIDTH / 2, HEIGHT / 2], axis=1) < 1e-9).astype(float)
     assert p.sum() == 1
+    assert body.measures.oscillation_indicator == 0.0
     body.measures.watch_pressure(p)
     assert body.measures.oscillation_indicator == pytest.approx(2 / 3, rel=ROUND_OFF)
     body.measures.watch_pressure(np.full(len(p), 5.0))  # a constant has none; the largest |p| is now 15
