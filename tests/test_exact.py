@@ -181,8 +181,11 @@ def test_unconfined_compression_keeps_its_balances(body, t):
     def slope(f, r):
         return (f(r + h) - f(r - h)) / (2 * h)
 
-    u = lambda r: exact.displacement(r, t)  # noqa: E731
-    p = lambda r: exact.pressure(r, t)  # noqa: E731
+    def u(r):
+        return exact.displacement(r, t)
+
+    def p(r):
+        return exact.pressure(r, t)
 
     def dilation(r):
         return slope(u, r) + curved * u(r) / r
