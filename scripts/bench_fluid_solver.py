@@ -94,14 +94,13 @@ def solve(case, direct=False, petsc=OBSTACLE_SOLVER):
     from mpi4py import MPI
 
     from porofsi_petsc.config import Scene
-    from porofsi_petsc.linalg.stopwatch import Stopwatch
     from porofsi_petsc.simulation import interface
-    from porofsi_petsc.simulation.build import build_coupling, local_mesh
     from porofsi_petsc.simulation.loop import Clock
+    from porofsi_petsc.simulation.simulation import Simulation
 
     scene = Scene.model_validate(case.tables())
     with mock.patch.object(interface, "is_direct", lambda mesh: direct):
-        coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch())
+        coupling = Simulation(scene, MPI.COMM_WORLD).coupling
     clock, dt = Clock(scene.time), scene.time.step
     for step in range(case.steps):
         schemes, rates = clock.schemes(scene.model, dt)

@@ -145,7 +145,7 @@ def run(table, row, changes):
     """Return (nodes, cells of the row) of the steps with a string of options (collective)."""
     scene = load_scene(table.scene, (*table.changes, *changes))
     with some_steps(scene, table.steps, words_of(row)) as done:
-        options.check_options(exempt_prefixes=ABSENT_PREFIXES)
+        options.check_options(MPI.COMM_WORLD, exempt_prefixes=ABSENT_PREFIXES)
         solvers = done.solvers
         memory = sum(map(_factor, solvers.values()))
         return done.coupling.solid.mesh.n_global, (*_counts(solvers, done.sweeps), done.seconds, memory)

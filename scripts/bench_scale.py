@@ -126,7 +126,7 @@ def _give_back():
 
 
 class StepTimes:
-    """What a `TimeLoop` asks for a reason to stop after every step: notes the time of each without the output."""
+    """A callback of a simulation that notes the time of every step without the output."""
 
     def __init__(self, stopwatch):
         """Start the clock."""
@@ -136,13 +136,12 @@ class StepTimes:
     def _mark(self):
         self._last = time.perf_counter(), time.process_time(), self._stopwatch.seconds["output"]
 
-    def reason(self):
-        """Return no reason to stop."""
+    def __call__(self, simulation):
+        """Note the time since the step before."""
         wall, cpu, output = self._last
         self.wall.append(time.perf_counter() - wall - (self._stopwatch.seconds["output"] - output))
         self.cpu.append(time.process_time() - cpu)
         self._mark()
-        return ""
 
 
 def work(case_name, unknowns, steps, changes, folder, holders):
@@ -156,36 +155,30 @@ def work(case_name, unknowns, steps, changes, folder, holders):
     options.start(scene.petsc.options)
     from mpi4py import MPI
 
-    from porofsi_petsc.linalg.stopwatch import Stopwatch
     from porofsi_petsc.output.progress import Progress
-    from porofsi_petsc.simulation.build import build_coupling, local_mesh
-    from porofsi_petsc.simulation.energy import Energy
-    from porofsi_petsc.simulation.loop import TimeLoop
-    from porofsi_petsc.simulation.measures import Measures
+    from porofsi_petsc.simulation.build import local_mesh
     from porofsi_petsc.simulation.records import Records
-    from porofsi_petsc.simulation.setups import materials_of
+    from porofsi_petsc.simulation.simulation import Simulation
 
-    comm, stopwatch, meter, energy = MPI.COMM_WORLD, Stopwatch(), Meter(), Energy()
+    comm, meter = MPI.COMM_WORLD, Meter()
     with meter.part("mesh"):
         mesh = local_mesh(scene, comm)
     with meter.part("build"):
-        coupling = build_coupling(scene, mesh, stopwatch)
-        measures = Measures(scene, coupling, materials_of(scene, mesh))
-        records = Records(scene, Path(folder), coupling, energy, measures, stopwatch)
+        simulation = Simulation(scene, comm, mesh=mesh)
+        records = Records(simulation, Path(folder))
         records.progress = Progress(scene.time.end, quiet=True)
-    loop = TimeLoop(scene, coupling, energy, measures, records)
-    energy.start(*coupling.energies())
+    coupling, loop, seconds = simulation.coupling, simulation.loop, simulation.stopwatch.seconds
     with meter.part("mesh_file"):
         records.open()
     with meter.part("fields"):
-        records.start(loop.clock)
-    times = StepTimes(stopwatch)
+        records.start()
+    times = StepTimes(simulation.stopwatch)
     with meter.part("steps"):
-        loop.run(times)
+        simulation.run(callbacks=[records.after_step, times])
     with meter.part("checkpoint"):
-        records.checkpoint(loop.clock, loop.iterations, None)
+        records.checkpoint()
     records.close()
-    output = stopwatch.seconds["output"]
+    output = seconds["output"]
     repeated = _repeat(coupling, loop.clock.schemes(loop.model, scene.time.step)[1])
     everyone = comm.gather((meter, times, repeated, output))
     triad = _triad(comm)

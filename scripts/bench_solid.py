@@ -68,11 +68,10 @@ def first_system(scene):
     from mpi4py import MPI
 
     from porofsi_petsc.linalg.solver import LinearSolver
-    from porofsi_petsc.linalg.stopwatch import Stopwatch
-    from porofsi_petsc.simulation.build import build_coupling, local_mesh
     from porofsi_petsc.simulation.loop import Clock
+    from porofsi_petsc.simulation.simulation import Simulation
 
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_WORLD).coupling
     with mock.patch.object(LinearSolver, "solve", _interrupt):
         try:
             coupling.step(*Clock(scene.time).schemes(scene.model, scene.time.step), 0.0, 1)

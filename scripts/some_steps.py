@@ -4,12 +4,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from mpi4py import MPI
-
-from porofsi_petsc.linalg import options
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
-from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc import Simulation
 
 
 @dataclass
@@ -32,16 +27,12 @@ def some_steps(scene, count, words=()):
 
     words : PETSc options, like those of the command line; ConvergenceError where a step fails.
     """
-    options.start(scene.petsc.options, words)
-    done, clock = Steps(build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch())), Clock(scene.time)
-    try:
+    with Simulation.from_scene(scene, petsc_options=words) as simulation:
+        done, schemes = Steps(simulation.coupling), simulation.loop.clock.schemes(scene.model, scene.time.step)
         start = time.process_time()
         for step in range(count):
-            done.coupling.step(*clock.schemes(scene.model, scene.time.step), step * scene.time.step, step + 1)
+            done.coupling.step(*schemes, step * scene.time.step, step + 1)
             done.coupling.accept()
             done.sweeps.append(done.coupling.iterations)
         done.seconds = time.process_time() - start
         yield done
-    finally:
-        for solver in done.solvers.values():
-            solver.destroy()

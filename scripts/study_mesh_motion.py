@@ -15,9 +15,9 @@ from mpi4py import MPI
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.build import local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 from porofsi_petsc.studies.table import markdown
 
 ROOT, AXIS, LENGTH = 0.25, 0.2, 0.35  # start, height and length of the beam [m]
@@ -38,7 +38,7 @@ def smallest_ratio(options, tip):
     """Return the smallest volume ratio of the mesh under the bent beam, None where one is inverted."""
     scene = load_scene("hron_turek_fsi2", options)
     mesh = local_mesh(scene, MPI.COMM_WORLD)
-    coupling = build_coupling(scene, mesh, Stopwatch())
+    coupling = Simulation(scene, mesh=mesh).coupling
     schemes, _ = Clock(scene.time).next_schemes(scene.model)
     motion = coupling.motion
     try:

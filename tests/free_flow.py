@@ -15,8 +15,7 @@ from running import SCENES
 from porofsi_petsc import load_scene
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling
+from porofsi_petsc.simulation.simulation import Simulation
 
 SCENE = str(SCENES / "free_fluid.toml")
 RHO, MU = 2.0, 0.1  # of the scene [kg/m³], [Pa s]
@@ -93,7 +92,7 @@ def solved(flow, *options, disturbance=0.0):
     """
     start()
     scene = load_scene(SCENE, (*flow.overrides(), *options))
-    coupling = build_coupling(scene, square(scene), Stopwatch())
+    coupling = Simulation(scene, mesh=square(scene)).coupling
     fluid = coupling.fluid
     fluid._setup = replace(fluid._setup, body_force=_sources(flow, coupling))
     fluid.a[:] = at(flow.exact["rate"], 0.0, fluid.mesh.X)

@@ -5,9 +5,8 @@ from mpi4py import MPI
 from running import SCENES
 
 from porofsi_petsc import load_scene
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 BLOCK3D = str(SCENES / "block3d.toml")
 PLANE = ("mesh.x.cells=[1, 1, 1]", "mesh.x.ratios=[1.0, 1.0, 1.0]", "mesh.y.cells=[2]", "mesh.y.ratios=[1.0]")
@@ -30,7 +29,7 @@ def medium(mesh, *overrides):
     """Return the coupling of a scene on a small mesh on this rank alone, with the schemes and the rates of its first step."""
     name, changes = MESHES[mesh]
     scene = load_scene(name, (*changes, "coupling.split=plain", *overrides))
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_SELF).coupling
     return coupling, *Clock(scene.time).next_schemes(scene.model)
 
 

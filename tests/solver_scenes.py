@@ -7,9 +7,9 @@ from mpi4py import MPI
 
 from porofsi_petsc.config.schema import Scene
 from porofsi_petsc.linalg import options
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.build import local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 UNLIMITED = {name: "report" for name in ("strain", "mesh_displacement", "reynolds", "inertia")}
 
@@ -102,7 +102,7 @@ def solve(case, direct, petsc="", steps=2):
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     chosen, setups.is_direct = setups.is_direct, lambda mesh: direct
     try:
-        coupling = build_coupling(scene, mesh, Stopwatch())
+        coupling = Simulation(scene, mesh=mesh).coupling
     finally:
         setups.is_direct = chosen
     clock, iterations = Clock(scene.time), []

@@ -8,8 +8,7 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.coupling.interface import InterfaceMonolithic
 from porofsi_petsc.exact import Ring
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.simulation import Simulation
 from porofsi_petsc.studies.trial import attempt
 
 RING = Ring(0.95, 1.05, 1.5, 1e6 * 0.3 / (1.3 * 0.4), 1e6 / 2.6, 1000.0)  # as in ring_added_mass
@@ -64,7 +63,7 @@ def test_a_balloon_grows_by_what_flows_in_and_presses_as_its_ring_does(choice):
 def chosen(*options):
     start()
     scene = load_scene("ring_added_mass", (*BALLOON, "coupling.interface=auto", *options))
-    return build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch())
+    return Simulation(scene, MPI.COMM_WORLD).coupling
 
 
 def test_where_the_solid_without_inertia_closes_the_fluid_the_scheme_is_chosen_and_said():

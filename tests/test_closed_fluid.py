@@ -15,9 +15,9 @@ from porofsi_petsc.errors import IncompatibleData
 from porofsi_petsc.fem.closed import closed_nodes
 from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.output.history import read_history
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.build import local_mesh
+from porofsi_petsc.simulation.simulation import Simulation
 
 SCENE = str(SCENES / "free_fluid.toml")
 STEADY = ("time.scheme=steady", "model.fluid_inertia=false", "model.solid_inertia=false", "time.end=1.0", "time.step=1.0")
@@ -43,7 +43,7 @@ def sides(**velocity):
 def built(*options):
     start()
     scene = load_scene(SCENE, (*AT_REST, *options))
-    return build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch())
+    return Simulation(scene, MPI.COMM_WORLD).coupling
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -131,7 +131,7 @@ def run_moving(boundary):
     """Advance a fluid with a moving mesh by two steps."""
     start()
     scene = load_scene(SCENE, (boundary, "time.end=0.1"))
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_WORLD), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_WORLD).coupling
     for step, (time, schemes, rates) in enumerate(steps_to_end(scene), 1):
         coupling.step(schemes, rates, time, step)
         coupling.accept()

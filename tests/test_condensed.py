@@ -13,10 +13,9 @@ from porofsi_petsc.coupling.interface import InterfaceCoupling
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.dense_block import DenselyCoupled
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.condensed import CondensedSolid
 from porofsi_petsc.simulation import interface
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.simulation import Simulation
 from porofsi_petsc.studies.trial import attempt
 
 FLAP = str(SCENES / "flap.toml")
@@ -27,7 +26,7 @@ def coupling_of(name, *changes, options=""):
     """Return the coupling of a scene of the tests."""
     start(options)
     scene = load_scene(str(SCENES / name), changes)
-    return scene, build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    return scene, Simulation(scene, MPI.COMM_SELF).coupling
 
 
 # -- the operator ----------------------------------------------------------------------------------------------------------

@@ -15,8 +15,8 @@ from porofsi_petsc.coupling.convergence import Convergence
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, serial_mesh
+from porofsi_petsc.simulation.build import serial_mesh
+from porofsi_petsc.simulation.simulation import Simulation
 
 BAR = str(SCENES / "bar.toml")
 LAMBDA, MU, RHO, E_C = 6.0, 5.0, 2.0, 16.0  # of the scene [Pa], [kg/m³]
@@ -49,7 +49,7 @@ def test_patch(name, order):
     scene = load_scene(BAR, (sides, law(name), *square, *STEADY, "coupling.tangent=newton"))
     mesh = distorted(serial_mesh(scene))
     mesh = distribute(MPI.COMM_SELF, mesh, np.zeros(len(mesh.points), dtype=int))
-    coupling = build_coupling(scene, mesh, Stopwatch())
+    coupling = Simulation(scene, mesh=mesh).coupling
     for step, (time, schemes, rates) in enumerate(steps_to_end(scene), 1):  # the boundary moves by less than an element in each
         coupling.step(schemes, rates, time, step)
         coupling.accept()

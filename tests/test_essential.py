@@ -14,10 +14,9 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.linalg.partition import coordinate_bisection
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.mesh import rectangle
 from porofsi_petsc.simulation import check
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
 COMM = MPI.COMM_WORLD
@@ -147,7 +146,7 @@ def test_a_wall_goes_before_a_lid_unless_a_priority_says_otherwise(lid, corner):
     found = []
     for boundary in ([WALLS, lid], [lid, WALLS]):
         scene = load_scene(FREE, (f"boundary=[{', '.join(boundary)}]",))
-        coupling = build_coupling(scene, local_mesh(scene, COMM), Stopwatch())
+        coupling = Simulation(scene, COMM).coupling
         v = np.full_like(coupling.fluid.v, np.nan)
         coupling.fluid.setup.velocity.apply(v, 1.0)
         found.append(v)
@@ -166,7 +165,7 @@ def test_two_flows_that_meet_are_refused():
 def test_the_prescribed_motion_of_a_mesh_holds_beside_a_surface_without_one():
     moved = "{on='left', displacement={x='0.1*t', y=0}}"
     scene = load_scene(FREE, (f"boundary=[{moved}, {{on=['bottom', 'right', 'top']}}]",))
-    coupling = build_coupling(scene, local_mesh(scene, COMM), Stopwatch())
+    coupling = Simulation(scene, COMM).coupling
     field = np.zeros_like(coupling.motion.u)
     coupling.motion._setup.dirichlet.apply(field, 1.0)
     assert (field[coupling.motion.mesh.X[:, 0] == 0, 0] == 0.1).all()
@@ -180,6 +179,6 @@ def test_a_wall_without_slip_goes_before_a_velocity_of_the_same_priority(priorit
     wall = "{on=['left', 'right'], displacement={x=0}, no_slip=true}"
     base = f"{{on='bottom', displacement={{y=0}}, velocity={{x=0, y=0}}, priority={priority}}}"
     scene = load_scene("terzaghi", (*BRINKMAN, f"boundary=[{wall}, {base}, {TOP}]"))
-    coupling = build_coupling(scene, local_mesh(scene, COMM), Stopwatch())
+    coupling = Simulation(scene, COMM).coupling
     corner = (coupling.fluid.mesh.X == 0).all(axis=1)
     assert coupling.fluid.setup.no_slip[corner] == sticks

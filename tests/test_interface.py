@@ -12,8 +12,7 @@ from scipy.optimize import brentq
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.simulation import Simulation
 
 PISTON, FLAP = (str(SCENES / f"{name}.toml") for name in ("piston", "flap"))
 E_C, RHO_S = 16.0, 1.0  # of the layer of the piston, 1 m high under 1 m of fluid [Pa], [kg/m³]
@@ -79,7 +78,7 @@ def bent_flap(*options):
     """Return the coupling of the flap after three steps."""
     start()
     scene = load_scene(FLAP, options)
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_SELF).coupling
     for step, (time, schemes, rates) in enumerate(itertools.islice(steps_to_end(scene), 3), 1):
         coupling.step(schemes, rates, time, step)
         if step < 3:
@@ -217,7 +216,7 @@ def test_the_pressure_on_a_rigid_wall_follows_a_solid_that_turns(order):
     """One-way: under a uniform pressure the forces on a body that has turned are those before, turned; p n dA is exact."""
     start()
     scene = load_scene(FLAP, ("coupling.scheme=one_way", f"mesh.order={order}"))
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_SELF).coupling
     mesh, pressure = coupling.solid.mesh, coupling._pressure
     p = np.full(mesh.n_local, 3.0)
     before = -pressure.turned(p, -mesh.X)  # a surface that has shrunk to a point feels nothing

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from mpi4py import MPI
 
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg import options
@@ -12,6 +13,8 @@ from porofsi_petsc.linalg import options
 options.start()
 
 from petsc4py import PETSc  # noqa: E402
+
+COMM = MPI.COMM_WORLD
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +47,7 @@ from porofsi_petsc.linalg import options
 def show():
     database = PETSc.Options().getAll()
     print(*(database.get("solid_" + name, "-") for name in ("ksp_rtol", "ksp_atol", "ksp_max_it", "ksp_type", "ksp_divtol")))
-    print(*options.unused_options())
+    print(*options.unused_options(PETSc.COMM_WORLD.tompi4py()))
 options.start("-solid_ksp_rtol 2 -solid_ksp_atol 2", ["-solid_ksp_atol", "3"])
 from petsc4py import PETSc
 options.set_defaults("solid_", {"ksp_max_it": 4, "ksp_type": "cg"})
@@ -66,9 +69,9 @@ def test_options_file_and_prefixes_count_as_the_users(tmp_path):
     file.write_text("-solid_pc_type lu  # comment\n")
     options.start("", f"-options_file {file} -prefix_push fluid_ -ksp_rtol 1e-4 -prefix_pop".split())
     assert (value("solid_pc_type"), value("fluid_ksp_rtol")) == ("lu", "1e-4")
-    assert options.unused_options() == ["fluid_ksp_rtol", "solid_pc_type"]
+    assert options.unused_options(COMM) == ["fluid_ksp_rtol", "solid_pc_type"]
     assert PETSc.Options().getString("solid_pc_type") == "lu"
-    assert options.unused_options() == ["fluid_ksp_rtol"]
+    assert options.unused_options(COMM) == ["fluid_ksp_rtol"]
 
 
 def test_second_start_forgets_options_and_defaults_of_the_first():
@@ -98,26 +101,26 @@ def test_unused_option_is_an_error_with_a_suggestion(text, hint):
     options.set_defaults("solid_", {"ksp_type": "cg"})
     options.set_defaults("fluid_", {"ksp_type": "fgmres"})
     with pytest.raises(InputError) as caught:
-        options.check_options()
+        options.check_options(COMM)
     assert text.split()[0] in str(caught.value) and hint in str(caught.value)
 
 
 def test_an_option_that_only_replaces_a_default_is_not_yet_used():
     options.start("-solid_ksp_rtol 1e-3")
     options.set_defaults("solid_", {"ksp_rtol": 1e-8})
-    assert options.unused_options() == ["solid_ksp_rtol"]
+    assert options.unused_options(COMM) == ["solid_ksp_rtol"]
 
 
 def test_prefixes_of_absent_phases_are_exempt():
     options.start("-fluid_ksp_rtol 1e-3 -log_view")
-    options.check_options(exempt_prefixes=("fluid_",))
+    options.check_options(COMM, exempt_prefixes=("fluid_",))
 
 
 def test_a_solver_that_is_there_answers_for_its_options_whatever_is_exempt():
     options.start("-mesh_ksp_rtoll 1e-3")
     options.set_defaults("mesh_", {"ksp_type": "cg"})
     with pytest.raises(InputError, match="did you mean -mesh_ksp_rtol?"):
-        options.check_options(exempt_prefixes=("mesh_",))
+        options.check_options(COMM, exempt_prefixes=("mesh_",))
 
 
 @pytest.mark.parametrize(

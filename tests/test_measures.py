@@ -8,11 +8,11 @@ from mpi4py import MPI
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import LimitError
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.materials import ELASTIC
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.build import local_mesh
 from porofsi_petsc.simulation.measures import Measures
 from porofsi_petsc.simulation.setups import materials_of
+from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
 ROUND_OFF = 1e-12
@@ -34,7 +34,7 @@ class Body:
         fixed = ("probe=[]", "expect=[]", "time.scheme=generalized_alpha")
         self.scene = load_scene("drained_column", (*mesh, *fixed, *MATERIAL, *overrides))
         mesh = local_mesh(self.scene, MPI.COMM_SELF)
-        self.coupling = build_coupling(self.scene, mesh, Stopwatch())
+        self.coupling = Simulation(self.scene, mesh=mesh).coupling
         self.materials = materials_of(self.scene, mesh)
         self.measures = Measures(self.scene, self.coupling, self.materials)
 

@@ -15,9 +15,8 @@ from porofsi_petsc.clock import second_order
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.fem.geometry import shape_quality
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 LAWS = ("harmonic", "linear_elastic", "neo_hookean")
 LINEAR = LAWS[:2]
@@ -29,7 +28,7 @@ def mesh_moved_by(displacement, *options):
     """Return the coupling of a fluid at rest whose boundary moves by a formula of X and t."""
     start()
     scene = load_scene(SCENE, (*Flow(0 * x, 0 * x, displacement).overrides(), *options))
-    return build_coupling(scene, square(scene), Stopwatch())
+    return Simulation(scene, mesh=square(scene)).coupling
 
 
 def move(coupling, time, step=0.05):
@@ -158,7 +157,7 @@ def piston(*options):
     """Return the coupling of the piston."""
     start()
     scene = load_scene(PISTON, options)
-    return build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch()), scene
+    return Simulation(scene, MPI.COMM_SELF).coupling, scene
 
 
 @pytest.mark.parametrize("law", LAWS)

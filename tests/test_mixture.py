@@ -6,9 +6,8 @@ from mpi4py import MPI
 from small_media import BRINKMAN, DARCY, FD_STEP, FD_TOLERANCE, MESHES, VARIABLE, dense, in_motion
 
 from porofsi_petsc import load_scene
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
 OPTIONS = {"Darcy": DARCY, "Brinkman": BRINKMAN, "variable porosity": DARCY + VARIABLE, "Brinkman, variable": BRINKMAN + VARIABLE}
@@ -107,7 +106,7 @@ def newton_histories(mesh, scheme, steps=4):
     """Return the largest relative residual of every iteration, step by step, of a scene with strains of a tenth."""
     name, changes = MESHES[mesh]
     scene = load_scene(name, (*changes, *LARGE, f"coupling.scheme={scheme}"))
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_SELF).coupling
     clock, histories = Clock(scene.time), []
     for step in range(steps):
         coupling.step(*clock.next_schemes(scene.model), clock.t, step + 1)

@@ -8,10 +8,10 @@ from running import SCENES, Job, history, run_here, run_on, state, summary
 from porofsi_petsc import list_scenes, load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.solid import SolidPhase
-from porofsi_petsc.simulation import build, setups
+from porofsi_petsc.simulation import setups
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 TIGHT = ("coupling.tolerance=1e-11", "coupling.max_iterations=100", "coupling.accelerator=anderson")
 # The solutions differ by the tolerance times the condition of a step: the bound leaves a factor of a hundred.
@@ -50,7 +50,7 @@ def end_states(scene, overrides, **schemes):
     states = {}
     for name, changes in schemes.items():
         loaded = load_scene(scene, (*overrides, *TIGHT, *changes))
-        coupling = build.build_coupling(loaded, build.local_mesh(loaded, MPI.COMM_SELF), Stopwatch())
+        coupling = Simulation(loaded, MPI.COMM_SELF).coupling
         clock = Clock(loaded.time)
         while not clock.finished:
             size, target = clock.next_size(), clock.next_target()
@@ -130,7 +130,7 @@ def solver_iterations(monkeypatch, scene, *overrides):
     start()
     monkeypatch.setattr(setups, "is_direct", lambda mesh: False)
     loaded = load_scene(scene, (*overrides, "coupling.scheme=direct"))
-    coupling = build.build_coupling(loaded, build.local_mesh(loaded, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(loaded, MPI.COMM_SELF).coupling
     schemes, rates = Clock(loaded.time).next_schemes(loaded.model)
     coupling.step(schemes, rates, 0.0, 1)
     iterations = list(coupling.mixture.solver.iterations)

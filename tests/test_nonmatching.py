@@ -20,13 +20,12 @@ from porofsi_petsc.fem.projection import SurfaceProjection
 from porofsi_petsc.fem.transfer import InterfaceTransfer, Pair
 from porofsi_petsc.kernels.surface import facet_normal
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.mesh.generate import box, rectangle
 from porofsi_petsc.mesh.interface import INTERFACE, with_interface
 from porofsi_petsc.mesh.mesh import Mesh
 from porofsi_petsc.mesh.write import write_mesh
 from porofsi_petsc.simulation import check
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.simulation import Simulation
 
 FLAP = str(SCENES / "flap.toml")
 WEAK = "coupling.scheme=weak", "material.0.fluid.density=1.0"
@@ -375,7 +374,7 @@ def test_the_initial_state_crosses_too(order, tmp_path):
     start()
     initial = "initial={displacement={x='0.1*y', y=0}, solid_velocity={x='2*y'}}"
     scene = load_scene(FLAP, (*given(tmp_path / "flap.msh", flap_mesh(3, 2, order)), initial))
-    medium = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    medium = Simulation(scene, MPI.COMM_SELF).coupling
     mesh, here = medium.solid.mesh, medium.fluid._setup.no_slip
     assert here.sum() == order * 3 * 10 + 1  # 4 + 2 + 4 facets of the flap, cut in three, of some nodes each
     for field, slope in ((medium.motion.u, 0.1), (medium.motion.v, 2.0), (medium.fluid.v, 2.0)):

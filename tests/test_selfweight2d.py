@@ -10,10 +10,9 @@ from porofsi_petsc.clock import backward_euler
 from porofsi_petsc.config.catalogue import find_scene
 from porofsi_petsc.exact.selfweight import Selfweight
 from porofsi_petsc.fem.domain import Configuration
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.transfer import Flow, Rates
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
 VARIANTS = {
@@ -34,7 +33,7 @@ def test_the_scene_names_its_variants():
 def build(*overrides):
     """Return scene and medium on this rank alone."""
     scene = load_scene("selfweight2d", (*COARSE, *overrides))
-    return scene, build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    return scene, Simulation(scene, MPI.COMM_SELF).coupling
 
 
 def static_solution(*overrides):

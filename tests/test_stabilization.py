@@ -10,8 +10,8 @@ from porofsi_petsc.kernels import stabilization
 from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.parameters import StabilizationParameters
 from porofsi_petsc.phases.transfer import Rates
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.setups import fluid_setup, materials_of
+from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
 ROUND_OFF = 1e-13
@@ -64,7 +64,7 @@ def two_triangles(*overrides):
     """Return scene, domain, fluid setup and skeleton at rest of a rectangle of two right-angled triangles."""
     mesh = (f"mesh.x.points=[0.0, {WIDTH}]", f"mesh.y.points=[0.0, {HEIGHT}]", "mesh.y.cells=[1]", "mesh.y.ratios=[1.0]")
     scene = load_scene("column_step", (*mesh, "probe=[]", "expect=[]", *overrides))
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_SELF).coupling
     domain = coupling.solid.domain
     setup = fluid_setup(scene, domain, materials_of(scene, domain.mesh), Stopwatch())
     return setup, coupling.solid.accepted_skeleton()

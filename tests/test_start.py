@@ -8,10 +8,9 @@ from running import SCENES, Job, history, needs_mpirun, run_here, run_on, state,
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.simulation import check
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
 PISTON, FREE, BAR = (str(SCENES / name) for name in ("piston.toml", "free_fluid.toml", "bar.toml"))
@@ -60,7 +59,7 @@ def built(scene, *changes):
     """Return the coupling of a scene in its initial state, and the scene."""
     start()
     loaded = load_scene(scene, changes)
-    return build_coupling(loaded, local_mesh(loaded, MPI.COMM_SELF), Stopwatch()), loaded
+    return Simulation(loaded, MPI.COMM_SELF).coupling, loaded
 
 
 def test_a_first_step_that_is_given_up_leaves_the_jump_to_the_next():

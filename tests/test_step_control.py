@@ -81,17 +81,18 @@ def test_cuts_end_where_the_time_has_no_digits_left():
     """Steps that never converge are halved less often than max_cuts allows: at t = 10 s a step has 1e-11 s at least."""
     scene = load_scene("terzaghi", ("coupling.on_failure='cut_step'", "coupling.max_cuts=30", "expect=[]"))
     loop = TimeLoop.__new__(TimeLoop)
-    loop._scene, loop.clock = scene, Clock(scene.time)
+    loop._scene, loop.clock, loop.auto = scene, Clock(scene.time), None
     loop.clock.t, loop.clock.nominal, sizes = 10.0, 1e-6, []
+    loop.clock.end = 10.0 + 1e-6
     loop._coupling = SimpleNamespace(reset=lambda: None, tried=("step",))
 
     def fail(dt, target):
         sizes.append(dt)
         raise ConvergenceError("never")
 
-    loop._step = fail
+    loop._advance = fail
     with pytest.raises(ConvergenceError, match="never"):
-        loop._advance(10.0 + 1e-6)
+        loop.step()
     assert len(sizes) == 17  # 1e-6/2^16 is 1.5e-11, half of it is below
     assert loop.clock.smallest_step <= min(sizes) < 2 * loop.clock.smallest_step
 

@@ -7,9 +7,8 @@ from running import SCENES
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
 from porofsi_petsc.simulation.loop import Clock
+from porofsi_petsc.simulation.simulation import Simulation
 
 CHANNEL = str(SCENES / "channel.toml")
 HEIGHT, POROSITY, DENSITY, FORCE = 1.0, 0.4, 1000.0, 2.0  # [m], [-], [kg/m³], [m/s²]
@@ -28,7 +27,7 @@ def error(order, cells, viscosity=10.0, mobility=1e-3):
     mesh = (f"mesh.order={order}", f"mesh.y.cells=[{cells}]", f"mesh.x.points=[0.0, {HEIGHT / cells}]")
     scene = load_scene(CHANNEL, mesh)
     assert (scene.material[0].fluid.viscosity, scene.material[0].mobility) == (viscosity, pytest.approx(mobility, rel=1e-14))
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_SELF).coupling
     schemes, rates = Clock(scene.time).next_schemes(scene.model)
     coupling.step(schemes, rates, 0.0, 1)
     coupling.accept()

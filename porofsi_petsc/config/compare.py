@@ -4,17 +4,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .expressions import Expression
+from .expressions import FUNCTION, Expression
 from .load import completed
 from .schema import Scene
 from .types import Table
 
 
 class _Named(Expression):
-    """A table that is compared, not read: its source is a name for its numbers."""
+    """A table or a function that is compared, not evaluated: its source is a name for it."""
 
-    def __init__(self, name):
-        self.names, self.content, self.source = frozenset("t"), name, {"table": name}
+    def __init__(self, kind, name):
+        self.names, self.content, self.function, self.source = frozenset("t"), name, None, {kind: name}
 
 
 def table_contents(scene: Scene) -> dict:
@@ -24,6 +24,8 @@ def table_contents(scene: Scene) -> dict:
 
 def comparable(tables: dict, contents: dict | None) -> dict:
     """Return the tables of a scene, as `scene_to_toml` writes them, with all defaults and { table = HASH } for its tables.
+
+    A function of Python goes by its name: what it returns is not known here.
 
     contents : of `table_contents`; None where they are not known: then a table goes by the name of its file.
     """
@@ -47,5 +49,7 @@ def _named(value, contents, place):
     if not isinstance(value, dict):
         return value
     if "table" in value:
-        return _Named((contents or {}).get(".".join(place), Path(value["table"]).name))
+        return _Named("table", (contents or {}).get(".".join(place), Path(value["table"]).name))
+    if FUNCTION in value:
+        return _Named(FUNCTION, value[FUNCTION])
     return {key: _named(entry, contents, (*place, key)) for key, entry in value.items()}

@@ -98,5 +98,5 @@ def check_expressions(section, dim, key, position_only=False):
             value.key = f"{key}.{name}"
             if dim == 2 and "z" in value.names:
                 raise wrong(f"received {shown(value.source)} in a two-dimensional scene, expected no z", f"{key}.{name}")
-            if position_only and value.depends_on_time:
+            if position_only and value.depends_on_time and value.function is None:  # a function gets t = 0
                 raise wrong(f"received {shown(value.source)}, expected a function of position only", f"{key}.{name}")

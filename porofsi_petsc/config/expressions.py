@@ -14,6 +14,7 @@ from .tables import table
 MAX_LENGTH = 2000
 MAX_NODES = 400
 VARIABLES = ("t", "x", "y", "z")
+FUNCTION = "function"  # key of the source of a function of Python
 CONSTANTS = {"pi": np.float64(math.pi), "e": np.float64(math.e)}
 
 
@@ -91,16 +92,24 @@ class Expression:
         count as 1 and 0 where a number is wanted, and & | ~ between comparisons),
         or {"table": "load.csv", "column": "force"}: linear between the rows, constant beyond the ends; the first column is t, the
         column defaults to the second.
+        or a function of Python, (t, X) -> values, for t [s] and points X (n, d) [m], n may be 0: an array (n,) or one number.
     folder : where a relative table path starts.
     content : hash of the numbers of a table, None for what is not one.
     Raises InputError when the value is none of these, or the formula fails in a trial at one point.
     """
 
     def __init__(self, value, folder=None):
-        self.names, self.content, self.key = frozenset(), None, None
+        self.names, self.content, self.key, self.function = frozenset(), None, None, None
+        if isinstance(value, dict) and FUNCTION in value:
+            advice = "give it to load_scene in Python, in a table of the scene"
+            raise InputError(f"received the function {shown(value[FUNCTION])} of Python, which no file can hold; {advice}")
         if isinstance(value, dict):
             self.source, self.content, self._evaluate = table(value, folder)
             self.names = frozenset("t")
+        elif callable(value):
+            self.function, self._evaluate = value, _called(value)
+            self.source = {FUNCTION: f"{value.__module__}.{getattr(value, '__qualname__', type(value).__name__)}"}
+            self.names = frozenset(VARIABLES[:3])  # z too where there is one
         elif isinstance(value, str):
             self.source = value
             self.names, self._evaluate = _formula(value)
@@ -148,13 +157,27 @@ class Expression:
         return f"[{self.key}]: " if self.key else ""
 
     def __eq__(self, other):
-        return isinstance(other, Expression) and self.source == other.source
+        same = isinstance(other, Expression) and self.source == other.source
+        return same and self.function is other.function
 
     def __hash__(self):
         return hash(str(self.source))
 
     def __repr__(self):
         return f"Expression({self.source!r})"
+
+
+def _called(function):
+    """Return the function of (t, x) whose values have the shape that is asked for; raise InputError where they have not."""
+
+    def evaluate(t, x):
+        values = np.asarray(function(t, x), dtype=float)
+        if values.shape not in ((), (len(x),)):
+            received = f"received an array of shape {values.shape} for {len(x)} points"
+            raise InputError(f"{function}: {received}, expected ({len(x)},) or one number")
+        return values
+
+    return evaluate
 
 
 def _formula(text):

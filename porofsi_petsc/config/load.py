@@ -1,6 +1,9 @@
 """Load a scene: command line over [smoke] over the file over the defaults; write it back complete."""
 
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 from pydantic import ValidationError
@@ -13,24 +16,32 @@ from .schema import Scene
 from .toml import read_toml
 
 
-def load_scene(path, overrides=(), smoke=False):
+def load_scene(source: str | os.PathLike | Mapping[str, Any], overrides: Iterable[str] = (), smoke: bool = False) -> Scene:
     """Return the validated scene with every default resolved.
 
-    path : a TOML file, or the name of a shipped scene; overrides : "KEY=VALUE" texts with dotted keys, such as
-    "material.0.permeability.k=1e-5"; smoke : apply the scene's [smoke] table first.
+    source : a TOML file, the name of a shipped scene, or the tables of a scene as a dict, whose relative paths start at the
+    working directory and whose formulas may be functions of Python (`Expression`);
+    overrides : "KEY=VALUE" texts with dotted keys, such as "material.0.permeability.k=1e-5"; smoke : apply the scene's [smoke]
+    table first.
     Raises InputError, one line per mistake.
     """
-    path = find_scene(path)
-    tables = read_toml(path)
-    changes = list(_smoke_changes(path, tables)) if smoke else []
+    if isinstance(source, Mapping):
+        return _validated(dict(source), "scene", Path.cwd(), overrides, smoke)
+    path = find_scene(source)
+    scene = _validated(read_toml(path), _short(path), path.resolve().parent, overrides, smoke)
+    scene._source_path = path.resolve()
+    return scene
+
+
+def _validated(tables, name, folder, overrides, smoke):
+    """Return the scene of some tables; name : of the scene in messages, folder : where its relative paths start."""
+    changes = list(_smoke_changes(name, tables)) if smoke else []
     for key, value in changes + [parse_override(text) for text in overrides]:
         tables = apply_override(tables, key, value)
     try:
-        scene = Scene.model_validate(tables, context={"folder": path.resolve().parent})
+        return Scene.model_validate(tables, context={"folder": folder})
     except ValidationError as error:
-        raise InputError(sentences(_short(path), error, tables)) from None
-    scene._source_path = path.resolve()
-    return scene
+        raise InputError(sentences(name, error, tables)) from None
 
 
 def _short(path):
@@ -39,12 +50,12 @@ def _short(path):
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
-def _smoke_changes(path, tables):
+def _smoke_changes(name, tables):
     smoke = tables.get("smoke", {})
     if not isinstance(smoke, dict):
-        raise InputError(f"{path} [smoke]: received {shown(smoke)}, expected a table")
+        raise InputError(f"{name} [smoke]: received {shown(smoke)}, expected a table")
     if not smoke:
-        raise InputError(f"{path} [smoke]: received nothing, expected the changes that make a short run")
+        raise InputError(f"{name} [smoke]: received nothing, expected the changes that make a short run")
     return smoke.items()
 
 

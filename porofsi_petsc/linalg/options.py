@@ -8,10 +8,14 @@ import shlex
 import signal
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..signals import ENDING, restored
 from .scene_options import check_scene_options, is_name
+
+if TYPE_CHECKING:  # MPI starts with its import, which PETSc is to do with the options
+    from mpi4py import MPI
 
 OLDEST = (3, 18)
 # Read by PETSc only when it starts or ends, so they count as used.
@@ -79,8 +83,8 @@ def are_factored(*prefixes: str) -> bool:
     return all(ksp == "preonly" and pc in ("lu", "cholesky") for ksp, pc in kinds)
 
 
-def unused_options(exempt_prefixes: Iterable[str] = ()) -> list[str]:
-    """Return the options of the scene and the command line that PETSc has not asked for on any rank (collective).
+def unused_options(comm: "MPI.Comm", exempt_prefixes: Iterable[str] = ()) -> list[str]:
+    """Return the options of the scene and the command line that PETSc has not asked for on any rank of comm (collective).
 
     exempt_prefixes : of solvers that a scene may lack; one that has been made answers for its options.
     """
@@ -88,13 +92,13 @@ def unused_options(exempt_prefixes: Iterable[str] = ()) -> list[str]:
 
     exempt = tuple(prefix for prefix in exempt_prefixes if prefix not in _defaults.values())
     names = sorted(name for name in _user if name not in START_AND_END and not name.startswith(exempt))
-    used = _petsc().COMM_WORLD.tompi4py().allgather([option_used(name) for name in names])
+    used = comm.allgather([option_used(name) for name in names])
     return [name for name, *flags in zip(names, *used, strict=True) if not any(flags)]
 
 
-def check_options(exempt_prefixes: Iterable[str] = ()) -> None:
+def check_options(comm: "MPI.Comm", exempt_prefixes: Iterable[str] = ()) -> None:
     """Raise InputError naming the first option that nobody used, with the nearest known name (collective)."""
-    unused = unused_options(exempt_prefixes)
+    unused = unused_options(comm, exempt_prefixes)
     if unused:
         more = f" (and {len(unused) - 1} more: {', '.join('-' + name for name in unused[1:])})" if len(unused) > 1 else ""
         raise InputError(f"PETSc options: nothing used -{unused[0]}{more}; {_suggestion(unused[0])}")

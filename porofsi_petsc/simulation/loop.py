@@ -36,23 +36,24 @@ class Clock:
         self._section = section
         self.t, self.step, self.cuts, self.load_parts, self.nominal = 0.0, 0, 0, 0, section.step
         self.target = self.substep = None  # end and size of the parts of a nominal step that was cut
+        self.halvings = 0  # of that step
+        self.end = section.end
         self.fall_backs = dict.fromkeys(WORDING, 0)  # remedy -> steps that converged with it only
 
     @property
     def finished(self):
         """Return whether the end is reached."""
-        return self.t >= self._section.end
+        return self.t >= self.end
 
     def next_target(self):
         """Return the end of the next (or the cut) nominal step [s], which may be the end of the run."""
-        end = self._section.end
         if self.target is not None:
-            return min(self.target, end)
+            return min(self.target, self.end)
         target = self.t + self.nominal
         multiple = round(target / self.nominal) * self.nominal
         if abs(target - multiple) < SNAP * self.nominal:
             target = multiple
-        return end if target > end - SNAP * self.nominal else target
+        return self.end if target > self.end - SNAP * self.nominal else target
 
     def size_to(self, target):
         """Return the step size to the target: the nominal one, to the last digit, wherever it fits."""
@@ -72,18 +73,24 @@ class Clock:
 
     def cut(self, target, dt):
         """Go on to the target in parts of size dt."""
-        self.cuts, self.target, self.substep = self.cuts + 1, target, dt
+        self.cuts, self.halvings = self.cuts + 1, self.halvings + 1
+        self.target, self.substep = target, dt
+
+    def _forget_cuts(self):
+        self.target = self.substep = None
+        self.halvings = 0
 
     def repeat_with(self, dt):
         """Forget the step on the way and go on with nominal steps of size dt."""
-        self.nominal, self.target, self.substep = dt, None, None
+        self._forget_cuts()
+        self.nominal = dt
 
     def advance(self, dt, target):
         """Count an accepted step of size dt on the way to the target; there the nominal step grows for the next one."""
         self.t = target if abs(target - self.t - dt) < SNAP * dt else self.t + dt
         self.step += 1
         if self.t >= target:
-            self.target = self.substep = None
+            self._forget_cuts()
             self.nominal = min(
                 self.nominal * self._section.growth, max(self._section.max_step or float("inf"), self._section.step)
             )
@@ -110,13 +117,13 @@ class Clock:
 
     def state(self):
         """Return the numbers a restart needs."""
-        names = ("t", "step", "cuts", "load_parts", "nominal", "target", "substep", "fall_backs")
+        names = ("t", "step", "cuts", "load_parts", "nominal", "target", "substep", "halvings", "fall_backs")
         return {name: getattr(self, name) for name in names}
 
     def load(self, state):
         """Continue from `state`; a scene without growth keeps its own step size."""
         self.t, self.step, self.cuts, self.load_parts = state["t"], state["step"], state["cuts"], state.get("load_parts", 0)
-        self.target, self.substep = state["target"], state["substep"]
+        self.target, self.substep, self.halvings = state["target"], state["substep"], state.get("halvings", 0)
         self.fall_backs |= state.get("fall_backs", {})
         if self._section.growth > 1 or self._section.error_tolerance:
             self.nominal = state["nominal"]
@@ -127,13 +134,20 @@ def _rates(model, solid, fluid):
 
 
 class StopRequest:
-    """A noted signal or the time limit asks for a checkpoint and an end; all ranks agree after each step."""
+    """A noted signal or the time limit asks for an end; all ranks agree after each step."""
 
-    def __init__(self, comm, max_time):
-        """Let the time limit [s], None for none, begin."""
-        self._comm, self._deadline = comm, time.monotonic() + max_time if max_time else None
+    def __init__(self, comm, max_time, advice):
+        """Let the time limit [s], None for none, begin; advice : how to go on after the stop."""
+        self._comm, self._advice = comm, advice
+        self._deadline = time.monotonic() + max_time if max_time else None
 
-    def reason(self):
+    def __call__(self, clock):
+        """Raise Stopped where the run must stop before its end (collective)."""
+        reason = self._reason()
+        if reason and not clock.finished:
+            raise Stopped(f"stopped by {reason} at t = {clock.t:g} s (step {clock.step}); {self._advice}")
+
+    def _reason(self):
         """Return why the run must stop, or an empty string (collective)."""
         late = self._deadline is not None and time.monotonic() > self._deadline
         received, late = self._comm.allreduce(noted(), MPI.MAX), self._comm.allreduce(late, MPI.LOR)
@@ -144,12 +158,12 @@ class StopRequest:
 
 
 class TimeLoop:
-    """Advance a coupling to the end of the scene; `records` are told of every accepted step."""
+    """Advance a coupling from step to step."""
 
-    def __init__(self, scene, coupling, energy, measures, records, on_first_step: Callable = lambda: None):
-        """Take what is advanced and what looks at it; on_first_step is called when a step has passed all checks (collective)."""
-        self._on_first_step: Callable | None = on_first_step
-        self._scene, self._coupling, self._energy, self._measures, self._records = scene, coupling, energy, measures, records
+    def __init__(self, scene, coupling, energy, measures, after_step: Callable = lambda: None):
+        """Take what is advanced and what measures it; after_step is called after every accepted step (collective)."""
+        self._scene, self._coupling, self._energy, self._measures = scene, coupling, energy, measures
+        self._after_step, self._has_stepped = after_step, False
         self.clock = Clock(scene.time)
         self.control = StepControl(scene.time, coupling.solid.mesh.comm) if scene.time.error_tolerance else None
         self.auto = coupling if auto_terms(scene.model) else None
@@ -168,51 +182,54 @@ class TimeLoop:
         """Return the errors that all ranks raise together: on one rank any InputError of an expression is among them."""
         return COLLECTIVE if self._coupling.solid.mesh.comm.size > 1 else (*COLLECTIVE, InputError)
 
-    def run(self, stop):
-        """Advance to the end; raises an error of `shared_errors` after a checkpoint, others at once."""
+    def run(self, stop: Callable[[], bool] = lambda: False):
+        """Advance to the end of the clock, or until stop(), asked after every step, is true (collective)."""
         if self.clock.finished:  # continued at the end
             self._measures.require_limits(self.clock.t)
-        try:
-            if self._scene.time.consistent_start and self.clock.step == 0:
-                self._coupling.start(*self.clock.starting_schemes(self.model))
-            while not self.clock.finished:
-                try:
-                    self._advance(self.clock.next_target())
-                except StepTooLarge as rejected:
-                    self._coupling.reset()
-                    self.clock.repeat_with(rejected.size)
-                    continue
-                reason = stop.reason()
-                if reason and not self.clock.finished:
-                    where = f"t = {self.clock.t:g} s (step {self.clock.step})"
-                    raise Stopped(f"stopped by {reason} at {where}; restart from {self._records.checkpoint_path}")
-        except self.shared_errors:
-            self._records.checkpoint(self.clock, self.iterations, self.control)
-            raise
+        while not self.clock.finished:
+            self.step()
+            if stop():
+                return
 
-    def _advance(self, target):
-        """Reach the target in one step, or in smaller ones when the coupling fails and the scene allows it."""
-        halvings, dt = 0, self.clock.next_size()
-        most = self._scene.coupling.max_cuts if "step" in self._coupling.tried else 0
-        while self.clock.t < target:
+    def step(self):
+        """Make the next accepted step: the nominal one, or a part of it when the coupling fails and the scene allows cuts.
+
+        Raises an error of `shared_errors`; the accepted state is then that before the step, with a LimitError that after it
+        (collective).
+        """
+        clock, number = self.clock, self.clock.step
+        if self._scene.time.consistent_start and number == 0:
+            self._coupling.start(*clock.starting_schemes(self.model))
+        while clock.step == number:
+            dt, target = clock.next_size(), clock.next_target()
             try:
-                self._step(min(dt, self.clock.size_to(target)), target)
+                self._advance(dt, target)
             except ConvergenceError as error:
-                if not most:
-                    raise
-                if halvings == most or dt / 2 < self.clock.smallest_step:
-                    raise self._given_up(error, dt) from error
-                halvings, dt = halvings + 1, dt / 2
-                self.clock.cut(target, dt)
+                self._cut(dt, target, error)
+            except StepTooLarge as rejected:
                 self._coupling.reset()
-                logger.info("step cut to %g s at t = %g s: %s", dt, self.clock.t, error)
+                clock.repeat_with(rejected.size)
+        self._after_step()
+        self._measures.require_limits(clock.t)
+
+    def _cut(self, dt, target, error):
+        """Ask the clock for half the step; raise the error of the last attempt where it may not be halved any more."""
+        most = self._scene.coupling.max_cuts if "step" in self._coupling.tried else 0
+        if not most:
+            raise error
+        if self.clock.halvings == most or dt / 2 < self.clock.smallest_step:
+            raise self._given_up(error, dt) from error
+        self.clock.cut(target, dt / 2)
+        self._coupling.reset()
+        logger.info("step cut to %g s at t = %g s: %s", dt / 2, self.clock.t, error)
 
     def _given_up(self, error, dt):
         """Return the error of a step that failed in every size down to dt."""
         advice = self._coupling.advice if error.advice == SMALLER_STEP else error.advice
         return ConvergenceError(f"{error.what}, the step cut to {dt:g} s", advice)
 
-    def _step(self, dt, target):
+    def _advance(self, dt, target):
+        """Solve and accept a step of size dt on the way to the target."""
         clock, coupling = self.clock, self._coupling
         schemes, rates = clock.schemes(self.model, dt)
         self._solve(schemes, rates)
@@ -220,7 +237,7 @@ class TimeLoop:
         if self.auto and self.auto.switch(self._measures.omissions, sizes, clock):
             self._measures.remodel(self.auto.scene)
             self._energy.remodel(*coupling.energies())
-            return self._step(dt, target)
+            return self._advance(dt, target)
         powers = step_powers(*coupling.residuals, *coupling.collocated())
         size = self.control.next_size(dt, self._trial(dt, schemes), clock.smallest_step) if self.control else None
         coupling.accept()
@@ -228,17 +245,17 @@ class TimeLoop:
         if size is not None and clock.target is None:
             clock.repeat_with(size)
         self.iterations.append(coupling.iterations)
-        if self._on_first_step:
-            check_options(exempt_prefixes=ABSENT_PREFIXES)
+        self._require_options_used()
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
         self._measures.watch_neglected(sizes)
         self._measures.compare(clock, coupling.solid, coupling.fluid)
-        self._records.after_step(clock, self.iterations, self.control)
-        if self._on_first_step:
-            self._on_first_step()
-            self._on_first_step = None
-        self._measures.require_limits(clock.t)
+
+    def _require_options_used(self):
+        """Refuse PETSc options that nothing has asked for by the end of the first step."""
+        if not self._has_stepped:
+            check_options(self._coupling.solid.mesh.comm, exempt_prefixes=ABSENT_PREFIXES)
+        self._has_stepped = True
 
     def _trial(self, dt, schemes):
         """Return what the step control looks at: the trial displacement and pressure with their times."""

@@ -11,11 +11,12 @@ from .. import __version__
 BLOCKS = ("fluid", "solid", "mesh", "mixture")
 
 
-def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, files, exit_code):
+def summarize(simulation, judgement, files, exit_code):
     """Return the content of summary.json (keys: `output.summary.SUMMARY_KEYS`); collective.
 
     judgement : dict with period and expectations, what the files of the run say of its result
     """
+    scene, coupling, loop, measures = simulation.scene, simulation.coupling, simulation.loop, simulation.measures
     mesh, comm = coupling.solid.mesh, coupling.solid.mesh.comm
     blocks = coupling.blocks
     iterations = np.array(loop.iterations or [0])
@@ -38,13 +39,13 @@ def summarize(scene, coupling, loop, energy, measures, stopwatch, judgement, fil
         "load_parts": loop.clock.load_parts,
         "steps_rejected": loop.control.rejections if loop.control else 0,
         "time_end": loop.clock.t,
-        "wall_time": _wall_time(comm, stopwatch, coupling.solvers),
+        "wall_time": _wall_time(comm, simulation.stopwatch, coupling.solvers),
         "coupling_iterations": {"mean": iterations.mean(), "max": iterations.max(), "total": iterations.sum()},
         "linear_iterations": {name: _linear_iterations(blocks.get(name)) for name in BLOCKS},
         "assemblies": {name: blocks[name].assemblies if name in blocks else 0 for name in BLOCKS},
         "factorizations": {name: _factorizations(blocks.get(name)) for name in BLOCKS},
         "mesh_motion": _mesh_motion(blocks.get("mesh")),
-        "energy": energy.report(),
+        "energy": simulation.energy.report(),
         "peak_memory_bytes": _peak_memory(comm),
         "modelled": modelled(scene, loop.model),
         "switched": loop.auto.switched if loop.auto else [],

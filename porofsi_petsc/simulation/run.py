@@ -21,16 +21,11 @@ from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import read_summary, write_summary
 from ..signals import Interrupted, answered_by, interrupt, note, noted
-from .build import build_coupling, local_mesh
-from .energy import Energy
-from .loop import StopRequest, TimeLoop
-from .measures import Measures
+from .loop import StopRequest
 from .preview import preview
 from .records import Records
 from .report import summarize
-from .restart import resume
-from .setups import materials_of
-from .sides import check_probes, probes_in
+from .simulation import Simulation
 
 FIGURE_ELEMENTS = 2_000_000  # above, one rank does not read whole fields; `porofsi plot` still draws them
 
@@ -46,46 +41,37 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     try:
         with Claim(directory, force, restart, comm) as claim:
             header = open_checkpoint(restart, comm) if restart is not None else None
-            with stopwatch.measure("setup"):
-                mesh = local_mesh(scene, comm)
-                coupling = build_coupling(scene, mesh, stopwatch)
-                measures = Measures(scene, coupling, materials_of(scene, mesh))
-            claim.put_aside()
-            start_log(directory, comm.rank, quiet)
-            for said in filter(None, (notice, *coupling.notices)):
-                logger.info(said)
-            summary = _Run(scene, directory, coupling, measures, stopwatch, quiet, claim).go(restart, header, max_time)
+            with Simulation(scene, comm, stopwatch) as simulation:
+                claim.put_aside()
+                start_log(directory, comm.rank, quiet)
+                for said in filter(None, (notice, *simulation.coupling.notices)):
+                    logger.info(said)
+                return _Run(simulation, directory, quiet, claim).go(restart, header, max_time)
     finally:
         stop_log()
-    for block in coupling.blocks.values():
-        if block.solver:
-            block.solver.destroy()
-    return summary
 
 
 class _Run:
-    """The parts of one run and their order."""
+    """The files and the words of one run, and their order."""
 
-    def __init__(self, scene, directory, coupling, measures, stopwatch, quiet, claim):
-        self.claim, self._signals = claim, ExitStack()
-        self.scene, self.directory, self.coupling, self.measures = scene, directory, coupling, measures
-        self.stopwatch, self.energy, self.quiet, self.former = stopwatch, Energy(), quiet, None
-        self.comm = coupling.solid.mesh.comm
-        self.records = Records(scene, directory, coupling, self.energy, measures, stopwatch)
-        self.loop = TimeLoop(scene, coupling, self.energy, measures, self.records, self._begin)
+    def __init__(self, simulation, directory, quiet, claim):
+        self.simulation, self.scene, self.comm = simulation, simulation.scene, simulation.comm
+        self.directory, self.quiet, self.claim, self._signals = directory, quiet, claim, ExitStack()
+        self.loop, self.measures, self.former, self._good = simulation.loop, simulation.measures, None, False
+        self.records = Records(simulation, directory)
 
     def go(self, restart, header, max_time):
         """Run to the end and return the summary; it is written before an error that all ranks share ends the run."""
-        text = scene_to_toml(self.scene)
-        self._start(restart, header, text)
+        text, simulation = scene_to_toml(self.scene), self.simulation
+        self._start(restart, header)
         on_root(self.comm, write_text, self.directory / "scene.toml", text)
-        stop, summary = StopRequest(self.comm, max_time), None
+        stop, summary = StopRequest(self.comm, max_time, f"restart from {self.records.checkpoint_path}"), None
         terminal = None if self.comm.size == 1 else False  # mpirun shows its ranks a terminal, also where it writes to a file
-        progress = Progress(self.scene.time.end, self.quiet, terminal, start_time=self.loop.clock.t, rank=self.comm.rank)
+        progress = Progress(self.scene.time.end, self.quiet, terminal, start_time=simulation.time, rank=self.comm.rank)
         try:
             self.records.progress = progress
-            self.loop.run(stop)
-            self._begin()  # also where a restart had nothing left to do
+            self._advance([self.records.after_step, self._begin, lambda simulation: stop(simulation.loop.clock)])
+            self._begin(simulation)  # also where a restart had nothing left to do
             summary = self._finish(progress, 0)
         except self.loop.shared_errors as error:
             if summary is None:
@@ -97,30 +83,39 @@ class _Run:
         self._judge(summary)
         return summary
 
-    def _begin(self):
-        """Take the run for a good one: earlier results may go, and a signal waits for the end of a step, to save it."""
-        self.claim.accept()
-        self._signals.enter_context(answered_by(note))
+    def _advance(self, callbacks):
+        """Do the steps; an error that all ranks share leaves a checkpoint behind."""
+        try:
+            self.simulation.run(callbacks=callbacks)
+        except self.loop.shared_errors:
+            self.records.checkpoint()
+            raise
 
-    def _start(self, restart, header, text):
-        mesh = self.coupling.solid.mesh
+    def _begin(self, simulation):
+        """Take the run for a good one: earlier results may go, and a signal waits for the end of a step, to save it."""
+        if not self._good:
+            self._good = True
+            self.claim.accept()
+            self._signals.enter_context(answered_by(note))
+
+    def _start(self, restart, header):
+        simulation, mesh = self.simulation, self.simulation.coupling.solid.mesh
         ranks = "1 rank" if self.comm.size == 1 else f"{self.comm.size} ranks"
         logger.info("%s: %d elements, %d nodes, %s", self.scene.name, mesh.n_cells_global, mesh.n_global, ranks)
         if restart is None:
-            self.energy.start(*self.coupling.energies())
             self.records.open()
-            self.records.start(self.loop.clock)
+            self.records.start()
             return
-        resume(restart, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
-        self.records.open(resumed_at=self.loop.clock.t)
-        logger.info("continued from %s at t = %g s (step %d)", restart, self.loop.clock.t, self.loop.clock.step)
-        if self.loop.clock.finished:
+        simulation.resume(restart, header)
+        self.records.open(resumed_at=simulation.time)
+        logger.info("continued from %s at t = %g s (step %d)", restart, simulation.time, simulation.steps)
+        if simulation.finished:
             self._complete()
 
     def _complete(self):
         """Take over what a run has left that reached its end; its figures, verdict and summary are still to be made."""
         logger.info("that is the end of the run: no step is left, its figures and its summary are made again")
-        self.records.complete(self.loop.clock, self.loop.iterations)
+        self.records.complete()
         self.former = on_root(self.comm, self._read_former)
 
     def _read_former(self):
@@ -138,7 +133,7 @@ class _Run:
         if exit_code == 0 and failed(judgement["expectations"]):
             exit_code = ExpectationError.exit_code
         self._summarize(judgement, exit_code)  # a figure that cannot be drawn must not cost the numbers
-        with self.stopwatch.measure("output"):
+        with self.simulation.stopwatch.measure("output"):
             on_root(self.comm, self._draw, exit_code == Stopped.exit_code)
         summary = self._summarize(judgement, exit_code)
         self._say(summary)
@@ -146,7 +141,7 @@ class _Run:
 
     def _draw(self, stopped):
         """Draw the figures, or none where the end was asked for: who kills a run after a second shall not lose its summary."""
-        large = self.coupling.solid.mesh.n_cells_global > FIGURE_ELEMENTS
+        large = self.simulation.coupling.solid.mesh.n_cells_global > FIGURE_ELEMENTS
         with suppress(Interrupted), answered_by(interrupt):
             if not stopped and not noted():
                 (make_curves if large else make_figures)(self.directory)
@@ -156,8 +151,7 @@ class _Run:
     def _summarize(self, judgement, exit_code):
         folder = self.directory
         files = on_root(self.comm, lambda: [str(path.relative_to(folder)) for path in written_files(folder)])
-        parts = self.coupling, self.loop, self.energy, self.measures, self.stopwatch
-        summary = summarize(self.scene, *parts, judgement, files, exit_code)
+        summary = summarize(self.simulation, judgement, files, exit_code)
         if self.former:  # what the steps took is known there
             summary = self.former | judgement | {"files": files, "exit_code": exit_code}
         on_root(self.comm, write_summary, self.directory, summary)
@@ -177,7 +171,7 @@ class _Run:
 
     def _period(self, history):
         of = self.scene.output.period_of
-        return period_analysis(history["t"], {name: history[name] for name in self.records.columns}, of) if of else None
+        return period_analysis(history["t"], {name: history[name] for name in self.scene.columns}, of) if of else None
 
     def _say(self, summary):
         iterations, energy = summary["coupling_iterations"], summary["energy"]
@@ -237,8 +231,5 @@ class _Run:
 
 def check(scene):
     """Return a description of what a scene would solve; raises InputError as a run would (collective)."""
-    mesh = local_mesh(scene, MPI.COMM_WORLD)
-    coupling = build_coupling(scene, mesh, Stopwatch())
-    measures = Measures(scene, coupling, materials_of(scene, mesh))
-    check_probes(scene, probes_in(scene, coupling.fluid.domain), coupling.fluid.domain)
-    return preview(scene, coupling, measures)
+    simulation = Simulation(scene)
+    return preview(scene, simulation.coupling, simulation.measures)

@@ -1,0 +1,35 @@
+"""What a checkpoint holds of a simulation; `restart` gives it back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..config import scene_to_toml, table_contents
+from ..output.checkpoint import NAME, write_checkpoint
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+
+def write(simulation: Simulation, directory: Path) -> Path:
+    """Write the accepted state of a simulation and return the path of the file (collective)."""
+    loop, coupling, scene = simulation.loop, simulation.coupling, simulation.scene
+    control = loop.control
+    with simulation.stopwatch.measure("output"):
+        header = {
+            "scene_name": scene.name,
+            "scene": scene_to_toml(scene),
+            "tables": table_contents(scene),
+            "step": loop.clock.step,
+            "time": loop.clock.t,
+            "clock": loop.clock.state(),
+            "coupling": coupling.memory(),
+            "energy": simulation.energy.state(),
+            "measures": simulation.measures.state(),
+            "iterations": loop.iterations,
+            "step_control": control.memory() if control else None,
+        }
+        arrays = coupling.state() | (control.state() if control else {})
+        write_checkpoint(directory, coupling.solid.mesh, header, arrays)
+    return directory / NAME

@@ -1,0 +1,194 @@
+"""A scene that is solved step by step: what the command line, the studies and the scripts of users have in common."""
+
+from __future__ import annotations
+
+import gc
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from ..config import Scene, load_scene, scene_to_toml
+from ..errors import InputError
+from ..fem.distribute import LocalMesh
+from ..linalg.options import start
+from ..linalg.solver import LinearSolver
+from ..linalg.stopwatch import Stopwatch
+from ..output.checkpoint import open_checkpoint
+from .build import build_coupling, local_mesh
+from .checkpoint import write
+from .energy import Energy
+from .fields import Fields
+from .loop import TimeLoop
+from .measures import Measures
+from .quantities import Quantities
+from .restart import resume
+from .setups import materials_of
+
+
+class Simulation:
+    """A scene between its steps; what is not said to be local is collective over the communicator.
+
+        with Simulation.from_scene("terzaghi") as simulation:
+            simulation.run(until=0.5, callbacks=[lambda s: print(s.time, s.history["base.p"][-1])])
+            pressure = simulation.fields["pressure"]
+
+    scene : the `Scene`; comm : its ranks; coupling, loop, energy, measures, stopwatch : the parts of the solution;
+    fields : the nodal `Fields` of the accepted state;
+    callbacks : functions of the simulation that are called in turn after every accepted step; a true value ends `run`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        stopwatch: Stopwatch | None = None,
+        mesh: LocalMesh | None = None,
+    ):
+        """Build a scene at t = 0; PETSc has been started with its options (`linalg.options.start`).
+
+        mesh : of the scene, where it has been made already, with its communicator.
+        """
+        self.scene, self.comm, self.stopwatch = scene, mesh.comm if mesh else comm, stopwatch or Stopwatch()
+        with self.stopwatch.measure("setup"):
+            mesh = mesh or local_mesh(scene, comm)
+            self.coupling = build_coupling(scene, mesh, self.stopwatch)
+            self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
+            self._quantities = Quantities(scene, self.coupling, self.measures)
+        self.energy = Energy()
+        self.energy.start(*self.coupling.energies())
+        self.loop = TimeLoop(scene, self.coupling, self.energy, self.measures, self._call_back)
+        self.fields = Fields(scene, self.coupling, self.measures)
+        self.callbacks: list[Callable[[Simulation], object]] = []
+        self._rows = [(0.0, *self._quantities.values(), 0)]
+        self._ends = False
+
+    @classmethod
+    def from_scene(
+        cls,
+        source: str | os.PathLike | Mapping[str, Any] | Scene,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        *,
+        overrides: Iterable[str] = (),
+        petsc_options: Iterable[str] = (),
+        restart: str | os.PathLike | None = None,
+    ) -> Simulation:
+        """Return the simulation of a scene, at t = 0 or as a checkpoint left it.
+
+        source, overrides : as `load_scene` takes them, or a `Scene`; petsc_options : words that win over those of the scene;
+        restart : a checkpoint file.
+        The option database of PETSc belongs to the process: of two simulations at a time the one built last has set it.
+        Raises InputError.
+        """
+        scene = source if isinstance(source, Scene) else load_scene(source, overrides)
+        start(scene.petsc.options, list(petsc_options))
+        header = open_checkpoint(restart, comm) if restart is not None else None
+        simulation = cls(scene, comm)
+        if header is not None:
+            simulation.resume(Path(restart), header)
+        return simulation
+
+    # -- advancing --------------------------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        """Make one accepted step, the next one of [time] or, where that does not converge and may be cut, a part of it.
+
+        Raises InputError at the end of the scene, ConvergenceError (the state is that before the step), LimitError.
+        """
+        if self.finished:
+            raise InputError(f"t = {self.time:g} s is time.end of the scene, expected an earlier time; raise time.end")
+        self.loop.step()
+
+    def run(self, until: float | None = None, callbacks: Iterable[Callable[[Simulation], object]] = ()) -> None:
+        """Advance to a time [s], by default time.end of the scene, or until a callback returns a true value.
+
+        until : the last step is shortened to end there; callbacks : called after those of the simulation, for this run alone.
+        Raises as `step` does, InputError where until is not between the present time and time.end.
+        """
+        end, own = self.scene.time.end, self.callbacks
+        if until is not None and not self.time <= until <= end:
+            raise InputError(f"until: received {until:g} s, expected a time from {self.time:g} s to time.end = {end:g} s")
+        self.loop.clock.end, self._ends = end if until is None else until, False
+        self.callbacks = [*own, *callbacks]
+        try:
+            self.loop.run(lambda: self._ends)
+        finally:
+            self.loop.clock.end, self.callbacks = end, own
+
+    def _call_back(self):
+        clock = self.loop.clock
+        if clock.step % self.scene.output.history_every == 0 or clock.finished:
+            self._rows.append((clock.t, *self._quantities.values(), self.loop.iterations[-1]))
+        self._ends = any([callback(self) for callback in self.callbacks])  # all of them are called
+
+    # -- looking ----------------------------------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Return the time of the accepted state [s] (local)."""
+        return self.loop.clock.t
+
+    @property
+    def steps(self) -> int:
+        """Return the number of accepted steps (local)."""
+        return self.loop.clock.step
+
+    @property
+    def finished(self) -> bool:
+        """Return whether time.end is reached (local)."""
+        return self.loop.clock.finished
+
+    @property
+    def columns(self) -> list[str]:
+        """Return the names of the recorded quantities: those of probes and forces (local)."""
+        return self.scene.columns
+
+    @property
+    def history(self) -> dict[str, np.ndarray]:
+        """Return the recorded quantities over time: t [s], `columns`, coupling_iterations -> (rows,) (local).
+
+        There is a row at the start, or where a checkpoint left it, and one every output.history_every steps.
+        """
+        names = ["t", *self.columns, "coupling_iterations"]
+        return dict(zip(names, np.array(self._rows, dtype=float).T, strict=True))
+
+    @property
+    def last_row(self) -> tuple[float, ...]:
+        """Return the last row of the history (local)."""
+        return self._rows[-1]
+
+    @property
+    def solvers(self) -> dict[str, LinearSolver]:
+        """Return the linear solvers by the name of their block: solid, fluid, mesh, mixture (local)."""
+        return {name: block.solver for name, block in self.coupling.blocks.items() if block.solver}
+
+    # -- keeping ----------------------------------------------------------------------------------------------------------
+
+    def checkpoint(self, directory: str | os.PathLike) -> Path:
+        """Write checkpoint.h5 of the accepted state to an existing directory and return its path.
+
+        Raises PorofsiError when it cannot be written.
+        """
+        return write(self, Path(directory))
+
+    def resume(self, path: Path, header: dict) -> None:
+        """Continue from a checkpoint; header : of `output.checkpoint.open_checkpoint`.  Raises InputError."""
+        text = scene_to_toml(self.scene)
+        resume(path, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
+        iterations = self.loop.iterations[-1] if self.loop.iterations else 0
+        self._rows = [(self.time, *self._quantities.values(), iterations)]
+
+    def close(self) -> None:
+        """Free what PETSc holds of the solvers; the fields stay."""
+        for solver in self.solvers.values():
+            solver.destroy()
+        gc.collect()  # a medium and its accelerator hold each other
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
