@@ -70,9 +70,9 @@ def after(action, number):
 
 if place == "after a step":
     after_step = records.Records.after_step
-    def counted(self, clock, *arguments):
-        after_step(self, clock, *arguments)
-        if clock.step == step:
+    def counted(self, simulation):
+        after_step(self, simulation)
+        if simulation.steps == step:
             die()
     records.Records.after_step = counted
 elif place == "before the rename":
@@ -305,9 +305,9 @@ def stop_after(number):
 
     original = getattr(records.Records.after_step, "original", records.Records.after_step)
 
-    def after_step(self, clock, *arguments):
-        original(self, clock, *arguments)
-        if clock.step == number:
+    def after_step(self, simulation):
+        original(self, simulation)
+        if simulation.steps == number:
             raise KeyboardInterrupt
 
     after_step.original = original
