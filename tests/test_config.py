@@ -7,7 +7,6 @@ from typing import get_args
 import pytest
 
 from porofsi_petsc.config import list_scenes, load_scene, scene_to_toml
-from porofsi_petsc.config.material import Permeability, Solid
 from porofsi_petsc.config.sections import Coupling
 from porofsi_petsc.config.steps import number_of_steps
 from porofsi_petsc.errors import InputError
@@ -140,8 +139,6 @@ def test_shipped_scene(name, title, path, tmp_path):
 @pytest.mark.parametrize(
     "module, table, section, field",
     [
-        ("materials", "ELASTIC", Solid, "law"),
-        ("materials", "PERMEABILITY", Permeability, "law"),
         ("coupling.accelerators", "ACCELERATORS", Coupling, "accelerator"),
     ],
 )
@@ -219,8 +216,8 @@ WRONG = [
         "material.0.solid={law='linear_elastic', lambda=-1, mu=1, density=1}",
         "[material.0.solid.lambda]: received -1.0",
     ),
-    ("material.0.permeability.law=markert", "[material.0.permeability.exponent]: received nothing, expected a number"),
-    ("material.0.permeability.exponent=2", "law 'constant' has no exponent"),
+    ("material.0.permeability.law=markert", "[material.0.permeability.exponent]: received nothing, expected this key"),
+    ("material.0.permeability.exponent=2", "unknown key 'exponent'; choose from law, k, intrinsic"),
     ("material.0.permeability.intrinsic=1e-9", "expected exactly one of k [m/s] and intrinsic [m^2]"),
     ("material.0.permeability={law='constant', intrinsic=1}", "[material.0.fluid.viscosity]: received nothing"),
     ("material.0.fluid={density=1000}", "[material.0.fluid.specific_weight]: received nothing"),

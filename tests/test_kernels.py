@@ -8,13 +8,19 @@ from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, solid
 from porofsi_petsc.materials import ELASTIC
+from porofsi_petsc.materials.law import examples
+
+
+def elastic(law, lam=1.7, mu=0.8, n_s0=0.4):
+    """Return a law with admissible parameters."""
+    return ELASTIC[law](lam, mu, n_s0, **examples(ELASTIC[law]))
 
 
 @pytest.mark.parametrize("law", ELASTIC)
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_stress_tangent_is_the_derivative(name, law):
     rng = np.random.default_rng(1)
-    element, material = ELEMENTS[name], ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4)
+    element, material = ELEMENTS[name], elastic(law)
     X = distorted(element, rng)
     rule = Rule.of(element, max(2 * (element.order - 1), 1))
     reference = geometry(rule, X)
@@ -28,7 +34,7 @@ def test_stress_tangent_is_the_derivative(name, law):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
     rng = np.random.default_rng(2)
-    material = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4)
+    material = elastic(law)
     H = 0.1 * rng.standard_normal((4, dim, dim))
     difference = central_difference(lambda z: material.energy(z), H).reshape(H.shape)
     assert relative(material.stress(H), difference) < FD_TOLERANCE
@@ -49,7 +55,7 @@ def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
 def test_the_mixed_tangent_has_the_stress_of_the_iterate_before_made_linear(dim, law):
     """In its geometric part: that of a law with the same tangent whose P grows linearly; the error is of second order."""
     rng = np.random.default_rng(3)
-    material, errors = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4), []
+    material, errors = elastic(law), []
     H, change = 0.05 * rng.standard_normal((4, dim, dim)), 0.1 * rng.standard_normal((4, dim, dim))
     for factor in (1.0, 0.5, 0.25):
         errors.append(np.abs(material.mixed_tangent(H, H - factor * change) - material.tangent(H)).max())
@@ -78,7 +84,7 @@ def test_a_change_that_keeps_the_volume_to_first_order_leaves_no_pressure_in_the
 def test_stress_of_a_tiny_strain_keeps_its_digits(dim, law):
     """At |H| = 1e-10 the laws agree with linear elasticity up to terms of order |H|; by way of F they would lose to 1e-6."""
     H = 1e-10 * np.random.default_rng(7).standard_normal((4, dim, dim))
-    material, linear = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4), ELASTIC["linear_elastic"](lam=1.7, mu=0.8, n_s0=0.4)
+    material, linear = elastic(law), ELASTIC["linear_elastic"](lam=1.7, mu=0.8, n_s0=0.4)
     assert relative(material.stress(H), linear.stress(H)) < 1e-8
 
 
@@ -153,13 +159,12 @@ def test_inertia_and_drag_tangents_are_the_derivatives(name):
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_pressure_terms_of_the_phases_are_adjoint_to_the_volume_balance(name):
     """∫ p-terms of solid · v_s + of fluid · v = -(volume balance · p): the pressure does no net work."""
-    from porofsi_petsc.materials.permeability import constant
     from porofsi_petsc.materials.porous import PorousMaterial
 
     rng = np.random.default_rng(5)
     element = ELEMENTS[name]
     el, z = flow_chunk(element, rng, 0.0, False)
-    material = PorousMaterial(ELASTIC["neo_hookean"](1.0, 1.0), 0.6, 1.0, 1.0, 1.0, constant, 0.0, 0.0, True)
+    material = PorousMaterial(elastic("neo_hookean", 1.0, 1.0), 0.6, 1.0, 1.0, 1.0, variable_porosity=True)
     J = 1 + 0.1 * rng.random(el.n.shape)
     el = flow.FlowElements(**{**el.__dict__, "n": material.fluid_fraction(J)})
     fields = flow.FlowFields(z["v"], z["a"], z["v"], z["v_s"], z["p"], z["p"] - z["p_n"], z["b"])
@@ -220,7 +225,7 @@ def test_an_inverted_trial_state_is_marked_without_a_warning(law):
     """J = -1/2, and J = 0 where the logarithm is infinite."""
     H = np.zeros((2, 2, 2))
     H[:, 1, 1] = -1.5, -1.0
-    material = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4)
+    material = elastic(law)
     for found in (material.energy(H), material.stress(H)[:, 1, 1], material.tangent(H)[:, 1, 1, 1, 1]):
         assert not np.isfinite(found[1])
     assert np.isnan(material.stress(H)[0, 1, 1]) and np.isnan(material.energy(H)[0])
@@ -230,16 +235,16 @@ def test_an_inverted_trial_state_is_marked_without_a_warning(law):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_volumetric_compliance_is_that_of_the_stress_of_a_compressed_body(dim, law):
     """Mean of 1/E_c and 1/K_d, both from differences of the stress: of a strain along an axis, of a dilation."""
-    elastic, rng, step = ELASTIC[law](8e6, 5e6, 0.6), np.random.default_rng(1), 1e-6
+    body, rng, step = elastic(law, 8e6, 5e6, 0.6), np.random.default_rng(1), 1e-6
     H = -0.1 * np.eye(dim) + 0.05 * rng.standard_normal((dim, dim))
     F, identity = H + np.eye(dim), np.eye(dim)
 
     def cauchy(change):
         """Return dP F^T/J of a change of F, a strain times F."""
-        return (elastic.stress(H + step * change) - elastic.stress(H - step * change)) @ F.T / (2 * step * np.linalg.det(F))
+        return (body.stress(H + step * change) - body.stress(H - step * change)) @ F.T / (2 * step * np.linalg.det(F))
 
     E_c = np.mean([cauchy(np.outer(axis, axis) @ F)[i, i] for i, axis in enumerate(identity)])
     K_d = np.trace(cauchy(F)) / dim**2
-    found = solid.volumetric_compliance(elastic, H[None, None])[0, 0]
+    found = solid.volumetric_compliance(body, H[None, None])[0, 0]
     assert found == pytest.approx((1 / E_c + 1 / K_d) / 2, rel=1e-6)  # differences
-    assert solid.volumetric_compliance(elastic, 0 * H[None, None])[0, 0] == pytest.approx((1 / 18e6 + 1 / (8e6 + 10e6 / dim)) / 2)
+    assert solid.volumetric_compliance(body, 0 * H[None, None])[0, 0] == pytest.approx((1 / 18e6 + 1 / (8e6 + 10e6 / dim)) / 2)

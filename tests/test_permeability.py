@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from porofsi_petsc.materials import ELASTIC, PERMEABILITY
+from porofsi_petsc.materials.law import examples, parameters
 from porofsi_petsc.materials.porous import PorousMaterial
 
 ROUND_OFF = 1e-14
@@ -24,19 +25,24 @@ BY_HAND = {
 }
 
 
+def permeability(law):
+    given = {"exponent": BY_HAND[law][1]} if parameters(PERMEABILITY[law]) else {}
+    return PERMEABILITY[law](**given)
+
+
 def material(law, **changes):
-    n_s0, exponent, _ = BY_HAND[law]
+    n_s0 = BY_HAND[law][0]
     elastic = ELASTIC["neo_hookean"](lam=3.0, mu=2.0, n_s0=float(n_s0))
-    given = dict(rho_sR=2000.0, rho_fR=1000.0, drag0=1e4, permeability=PERMEABILITY[law], exponent=exponent)
+    given = dict(rho_sR=2000.0, rho_fR=1000.0, drag0=1e4, permeability=permeability(law))
     return PorousMaterial(elastic=elastic, n_s0=float(n_s0), **given, **changes)
 
 
 @pytest.mark.parametrize("law", PERMEABILITY)
 def test_factor_is_that_of_the_paper(law):
-    n_s0, exponent, states = BY_HAND[law]
+    n_s0, _, states = BY_HAND[law]
     J, expected = (np.array([float(entry) for entry in column]) for column in zip(*states, strict=True))
-    assert PERMEABILITY[law](J, float(n_s0), exponent) == pytest.approx(expected, rel=ROUND_OFF)
-    assert PERMEABILITY[law](np.ones(1), float(n_s0), exponent) == pytest.approx(1.0, rel=ROUND_OFF)
+    assert permeability(law).factor(J, float(n_s0)) == pytest.approx(expected, rel=ROUND_OFF)
+    assert permeability(law).factor(np.ones(1), float(n_s0)) == pytest.approx(1.0, rel=ROUND_OFF)
 
 
 @pytest.mark.parametrize("variable", [False, True], ids=["constant porosity", "variable porosity"])
@@ -98,6 +104,7 @@ def test_fractions_and_densities_of_the_limits():
     ],
 )
 def test_pores_close_at_the_initial_solid_fraction_where_something_depends_on_them(law, elastic, variable, closed):
-    given = dict(n_s0=0.25, rho_sR=2000.0, rho_fR=1000.0, drag0=1.0, permeability=PERMEABILITY[law], exponent=1.0)
+    given = dict(n_s0=0.25, rho_sR=2000.0, rho_fR=1000.0, drag0=1.0)
+    given["permeability"] = PERMEABILITY[law](**examples(PERMEABILITY[law]))
     body = PorousMaterial(ELASTIC[elastic](3.0, 2.0, 0.25), variable_porosity=variable, **given)
     assert body.open_pores(np.array([0.25, 0.2501])).tolist() == [not closed, True]

@@ -10,6 +10,8 @@ from pydantic import BaseModel
 
 from porofsi_petsc.config import conditions, geometry, load_scene, material, reference, schema, sections
 from porofsi_petsc.config.types import Coefficient, Formula, Limit, Scaling, Switch, Tags, Vector
+from porofsi_petsc.materials import ELASTIC, PERMEABILITY
+from porofsi_petsc.materials.law import parameters
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "scene.md"
 TABLES = {
@@ -51,6 +53,7 @@ SPECIAL = {
     Switch: 'true, false or "auto"',
     Tags: "text or list",
 }
+LAWS = {material.Solid: ELASTIC, material.Permeability: PERMEABILITY}
 TEXTS = {"title", "description"}
 PLAIN = {float: "number", int: "integer", str: "text", bool: "true or false"}
 
@@ -94,7 +97,10 @@ def keys_of(model):
     """Return key -> (type, default) of a table; of a scene only what is no section."""
     hints = typing.get_type_hints(model, include_extras=True)
     fields = {name: field for name, field in model.model_fields.items() if model is not schema.Scene or name in TEXTS}
-    return {field.alias or name: (kind_of(hints[name]), default_of(field)) for name, field in fields.items()}
+    keys = {field.alias or name: (kind_of(hints[name]), default_of(field)) for name, field in fields.items()}
+    if model in LAWS:
+        keys["law"] = (", ".join(f'"{name}"' for name in LAWS[model]), "required")
+    return keys
 
 
 def documented():
@@ -103,7 +109,7 @@ def documented():
     found = {}
     for part in text.split("\n## ")[1:]:
         heading, _, body = part.partition("\n")
-        rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.+) \|$", body, re.MULTILINE)
+        rows = re.findall(r"^\| `(\w+)` \| ([^`]*?) \| (.*?) \| (.+) \|$", body, re.MULTILINE)
         found[heading] = {key: (kind, default) for key, kind, default, _ in rows}
     return found
 
@@ -111,6 +117,17 @@ def documented():
 @pytest.mark.parametrize("heading", TABLES)
 def test_every_key_is_documented_with_its_type_and_default(heading):
     assert documented()[heading] == keys_of(TABLES[heading])
+
+
+def test_the_parameters_of_every_law_are_documented():
+    found = set(re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.+?) \| .+ \|$", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE))
+    expected = {
+        (law, key, f"{entry.meaning} [{entry.unit}]")
+        for registry in LAWS.values()
+        for law in registry
+        for key, entry in parameters(registry[law]).items()
+    }
+    assert found == expected
 
 
 def test_every_section_has_a_heading():

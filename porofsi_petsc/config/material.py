@@ -1,20 +1,63 @@
 """Entries [[material]]: a saturated soil, a solid without pores or a free fluid per volume group."""
 
-from typing import Annotated, Literal
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, GetCoreSchemaHandler, create_model, model_validator
+from pydantic_core import CoreSchema
 
+from ..materials import ELASTIC, PERMEABILITY
+from ..materials.law import Parameter, Registry, parameters
 from .types import Number, Positive, Table, Tags, wrong
 
-EXPONENT_LAWS = ("markert", "ehlers_eipper")
 PORE_LAWS = ("xie_leo", "ehlers_eipper")
 THINNEST = 1e-6  # smallest porosity: n_f = 1 - n_s has ten digits left
 
 
-class Solid(Table):
+class OfLaw(Table):
+    """A table whose further keys are the parameters of its law."""
+
+    law: str
+
+    def of_law(self) -> dict[str, float]:
+        """Return the parameters of the law by name."""
+        return {name: getattr(self, name) for name in type(self).model_fields if name not in self.common}
+
+    @property
+    def common(self) -> set[str]:
+        """Return the keys that the table has with every law."""
+        return {name for base in type(self).__mro__[1:] if issubclass(base, OfLaw) for name in base.model_fields}
+
+
+class ByLaw:
+    """The annotation of a field with such a table: a union over the laws of a registry, as it is when the schema is made."""
+
+    def __init__(self, table: type[OfLaw], registry: Registry):
+        """Take the keys of every law and the registry."""
+        self._table, self._registry = table, registry
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return the schema of the union, or None."""
+        tables = (_of_law(self._table, name, law) for name, law in self._registry.items())
+        return handler.generate_schema(Annotated[reduce(or_, tables), Field(discriminator="law")] | None)
+
+
+def _of_law(table, name, law):
+    """Return the table of one law."""
+    keys = {key: _key(entry) for key, entry in parameters(law).items()}
+    return create_model(f"{table.__name__}Of{law.__name__}", __base__=table, law=(Literal[name], ...), **keys)
+
+
+def _key(entry: Parameter) -> tuple:
+    """Return type and default of a parameter."""
+    kind = Annotated[Number, Field(gt=entry.above, le=entry.at_most)]
+    return kind, ... if entry.default is None else entry.default
+
+
+class Solid(OfLaw):
     """The skeleton: law, Lamé parameters [Pa] (or young [Pa] and poisson) and true density rho_sR [kg/m^3]."""
 
-    law: Literal["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2", "xie_leo", "ehlers_eipper"]
     lambda_: Number | None = Field(None, alias="lambda")
     mu: Positive | None = None
     young: Positive | None = None
@@ -45,22 +88,16 @@ class Fluid(Table):
     viscosity: Positive | None = None
 
 
-class Permeability(Table):
+class Permeability(OfLaw):
     """Darcy coefficient k [m/s] or intrinsic permeability [m^2] in the reference state, and how it follows the deformation."""
 
-    law: Literal["constant", "markert", "ehlers_eipper", "kozeny_carman", "xie_leo"]
     k: Positive | None = None
     intrinsic: Positive | None = None
-    exponent: Annotated[Positive, Field(le=100)] | None = None
 
     @model_validator(mode="after")
     def _complete(self):
         if (self.k is None) == (self.intrinsic is None):
             raise wrong("expected exactly one of k [m/s] and intrinsic [m^2]")
-        if self.law in EXPONENT_LAWS and self.exponent is None:
-            raise wrong(f"received nothing, expected a number, which law '{self.law}' needs", "exponent")
-        if self.law not in EXPONENT_LAWS and self.exponent is not None:
-            raise wrong(f"received {self.exponent}, expected none: law '{self.law}' has no exponent", "exponent")
         return self
 
 
@@ -69,9 +106,9 @@ class Material(Table):
 
     region: Tags
     porosity: Annotated[Number, Field(ge=THINNEST, lt=1)] | None = None
-    solid: Solid | None = None
+    solid: Annotated[Solid | None, ByLaw(Solid, ELASTIC)] = None
     fluid: Fluid | None = None
-    permeability: Permeability | None = None
+    permeability: Annotated[Permeability | None, ByLaw(Permeability, PERMEABILITY)] = None
 
     @property
     def kind(self):

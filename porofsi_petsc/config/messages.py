@@ -54,7 +54,7 @@ def _real_parts(location, data, keep_last):
     for i, part in enumerate(location):
         if isinstance(data, dict) and part in data:
             data = data[part]
-        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+        elif isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data):
             data = data[part]
         elif not (keep_last and i == len(location) - 1):
             continue

@@ -5,6 +5,7 @@ from pathlib import Path
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ..errors import digits, shown
+from ..materials import ELASTIC, PERMEABILITY
 from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_expressions
 from .geometry import MeshSection
 from .material import Material, check_materials
@@ -340,3 +341,13 @@ class Scene(Table):
         for name in self.figures.paths:
             if not {f"{name}.u_x", f"{name}.u_y"} <= set(recorded):
                 raise wrong(f"received '{name}', expected a probe that records u_x and u_y", "figures.paths")
+
+
+def _renew():
+    """Make the schema of scenes again, with the laws that have come since."""
+    for table in (Material, Scene):
+        table.model_rebuild(force=True)
+
+
+for registry in (ELASTIC, PERMEABILITY):
+    registry.changed.append(_renew)

@@ -6,7 +6,7 @@ In porous layers depth z [m] is measured downward from the drained surface in th
 positive downward and pressure in compression.  Sudden loads act from t = 0+.
 """
 
-from .confined import UNIAXIAL, confined_ratio
+from .confined import confined_ratio
 from .consolidation import Terzaghi, XieLeo
 from .cryer import Cryer
 from .dynamic import DynamicColumn
@@ -19,7 +19,6 @@ from .strip import StripFooting
 from .unconfined import UnconfinedCylinder, UnconfinedStrip
 
 __all__ = [
-    "UNIAXIAL",
     "Cryer",
     "DynamicColumn",
     "EthierSteinman",

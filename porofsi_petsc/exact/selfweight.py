@@ -4,6 +4,7 @@ The weight γ' = n_s (ρ_sR - ρ_fR) g per reference volume is carried by the ex
 skeleton in the end, P(J) = -γ' z.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +17,14 @@ GAUSS_POINTS = 24  # of the integral of J - 1, which is smooth: digits are round
 
 @dataclass(frozen=True)
 class Selfweight:
-    """weight γ' [N/m³], height H [m], law with λ, μ [Pa] and n_s0 [-], diffusivity c_v = k_f E_c/γ_fR [m²/s]."""
+    """weight γ' [N/m³], height H [m], E_c [Pa], diffusivity c_v = k_f E_c/γ_fR [m²/s]; stress, lowest of `confined_ratio`."""
 
     weight: float
     height: float
-    law: str
-    lam: float
-    mu: float
-    n_s0: float
+    modulus: float
     diffusivity: float
+    stress: Callable[[float], float]
+    lowest: float = 0.0
 
     def end_settlement(self, z):
         """Return w(z) = ∫_z^H (1 - J) dZ, P(J) = -γ' Z, of the drained end state at depths z, any shape: [m]."""
@@ -33,7 +33,7 @@ class Selfweight:
         def settle(depths):
             half = (self.height - depths) / 2
             Z = np.add.outer(self.height - half, np.zeros(GAUSS_POINTS)) + np.multiply.outer(half, nodes)
-            strain = np.vectorize(lambda Z: 1 - confined_ratio(self.law, self.weight * Z, self.lam, self.mu, self.n_s0))
+            strain = np.vectorize(lambda Z: 1 - confined_ratio(self.stress, self.weight * Z, self.lowest))
             return half * (strain(Z) @ weights)
 
         return on_distinct(settle, z)
@@ -44,7 +44,7 @@ class Selfweight:
 
     def settlement(self, z, t):
         """Return w = γ'/E_c [(H² - z²)/2 - H² Σ 2 (-1)ⁿ/M³ cos(M z/H) e^(-M² T)] at small strain: [m]."""
-        scale, H = self.weight / (self.lam + 2 * self.mu), self.height
+        scale, H = self.weight / self.modulus, self.height
         return on_distinct(lambda z: scale * ((H**2 - z**2) / 2 - H**2 * self._sum(z, t, 3, np.cos)), z)
 
     def _sum(self, z, t, power, shape):

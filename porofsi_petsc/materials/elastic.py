@@ -21,6 +21,9 @@ def _marking_inadmissible():
 class ElasticLaw:
     """Lamé parameters [Pa] that every law reduces to at small strain.
 
+    A new law: a subclass with `energy`, `stress` and `tangent`, its own numbers as fields by `law.parameter`, and a
+    line of `materials.ELASTIC`; one with the energy alone is a `from_energy.FromEnergy`.
+
     n_s0 : initial solid fraction [-]; only a law with a compaction point, `compacts`, looks at it
     """
 
@@ -35,6 +38,14 @@ class ElasticLaw:
     def oedometer_modulus(self):
         """Return E_c = lambda + 2 mu [Pa], the modulus of a laterally confined compression."""
         return self.lam + 2 * self.mu
+
+    lowest_ratio = 0.0  # J in confined compression below which the law softens, or has no stress
+
+    def confined(self, J):
+        """Return the nominal stress of F = diag(1, 1, J) along it, the shape of J [Pa]; in closed form where a law has one."""
+        H = np.zeros((*np.shape(J), 3, 3))
+        H[..., 2, 2] = np.subtract(J, 1)
+        return self.stress(H)[..., 2, 2]
 
     def mixed_tangent(self, H, before):
         """Return dP/dF at H with the stress that is linear from another H, of the iterate before, in its geometric part.
@@ -51,6 +62,10 @@ class LinearElastic(ElasticLaw):
     """Psi = lambda/2 (tr eps)^2 + mu eps:eps with eps = sym H."""
 
     small_strain = True
+
+    def confined(self, J):
+        """Return E_c (J - 1)."""
+        return self.oedometer_modulus * (J - 1)
 
     def energy(self, H):
         """Return Psi, (...)."""
@@ -84,6 +99,12 @@ class Harmonic(ElasticLaw):
 
 class SaintVenantKirchhoff(ElasticLaw):
     """Psi = lambda/2 (tr E)^2 + mu E:E with E = (F^T F - I)/2 = (H + H^T + H^T H)/2."""
+
+    lowest_ratio = 1 / np.sqrt(3)  # the confined stress has its extremum there
+
+    def confined(self, J):
+        """Return E_c J (J² - 1)/2."""
+        return self.oedometer_modulus * J * (J**2 - 1) / 2
 
     def energy(self, H):
         """Return Psi, (...)."""
@@ -157,7 +178,11 @@ def _kirchhoff_tangent_loop(d):
 
 @dataclass(frozen=True)
 class _CompressibleNeoHookean(ElasticLaw):
-    """Psi = mu/2 (I1 - 3) - mu ln J + U(J); a law gives U, J U' and J (J U')' as functions of J - 1."""
+    """Psi = mu/2 (I1 - 3) - mu ln J + U(J); a law gives U, J U' and J (J U')' as functions of J - 1, and U' of J."""
+
+    def confined(self, J):
+        """Return mu (J - 1/J) + U'."""
+        return self.mu * (J - 1 / J) + self._pressure(J)
 
     @_marking_inadmissible()
     def energy(self, H):
@@ -262,6 +287,9 @@ class NeoHookean(_CompressibleNeoHookean):
         lnJ = np.log1p(J_1)
         return self.lam / 2 * lnJ**2, self.lam * lnJ, np.broadcast_to(self.lam, J_1.shape)
 
+    def _pressure(self, J):
+        return self.lam * np.log(J) / J
+
 
 class NeoHookeanJ2(_CompressibleNeoHookean):
     """U = lambda/2 (J - 1)^2."""
@@ -269,12 +297,19 @@ class NeoHookeanJ2(_CompressibleNeoHookean):
     def _volumetric(self, J_1):
         return self.lam / 2 * J_1**2, self.lam * J_1 * (1 + J_1), self.lam * (2 * J_1 + 1) * (1 + J_1)
 
+    def _pressure(self, J):
+        return self.lam * (J - 1)
+
 
 class XieLeo(_CompressibleNeoHookean):
     """U = E_c (J ln J - J + 1) - mu/2 (J^2 - 1) + mu ln J: in confined compression Psi = E_c (J ln J - J + 1), P = E_c ln J.
 
     The law of the exact consolidation of Xie & Leo (2004), 1/m = E_c; for compression (U falls at J far above 1).
     """
+
+    def confined(self, J):
+        """Return E_c ln J."""
+        return self.oedometer_modulus * np.log(J)
 
     @_marking_inadmissible()
     def _volumetric(self, J_1):
@@ -288,6 +323,14 @@ class EhlersEipper(_CompressibleNeoHookean):
     """J U' = lambda (1 - n)^2 [J/(1 - n) - J/(J - n)], n = n_s0 (Ehlers & Eipper 1999); infinite at the compaction point n."""
 
     compacts = True
+
+    @property
+    def lowest_ratio(self):
+        """Return the compaction point."""
+        return self.n_s0
+
+    def _pressure(self, J):
+        return self.lam * (1 - self.n_s0) ** 2 * (1 / (1 - self.n_s0) - 1 / (J - self.n_s0))
 
     @_marking_inadmissible()
     def _volumetric(self, J_1):

@@ -3,15 +3,12 @@
 Its limits are a free fluid (n_s = 0, no drag) and a solid without pores (n_s = 1), which the same two phases solve.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from .permeability import constant, ehlers_eipper, kozeny_carman, markert
-
-POROSITY_LAWS = (markert, ehlers_eipper, kozeny_carman)
+from .elastic import ElasticLaw
+from .permeability import Constant, PermeabilityLaw
 
 
 @dataclass(frozen=True)
@@ -23,13 +20,12 @@ class PorousMaterial:
     variable_porosity : n_s = n_s0/J, else n_s = n_s0
     """
 
-    elastic: Any
+    elastic: ElasticLaw | None
     n_s0: float
     rho_sR: float
     rho_fR: float
     drag0: float
-    permeability: Callable
-    exponent: float
+    permeability: PermeabilityLaw = Constant()
     viscosity: float = 0.0
     variable_porosity: bool = False
 
@@ -39,12 +35,12 @@ class PorousMaterial:
 
         drag0 : γ_fR/k_f [N s/m^4] of a porous solid that it flows through with its volume-averaged velocity, 0 outside of it
         """
-        return cls(None, 0.0, 0.0, rho, drag0, constant, 0.0, viscosity)
+        return cls(None, 0.0, 0.0, rho, drag0, viscosity=viscosity)
 
     @classmethod
     def dense_solid(cls, elastic, rho):
         """Return a solid without pores; rho [kg/m^3]."""
-        return cls(elastic, 1.0, rho, 0.0, 0.0, constant, 0.0)
+        return cls(elastic, 1.0, rho, 0.0, 0.0)
 
     @property
     def is_free_fluid(self):
@@ -83,7 +79,7 @@ class PorousMaterial:
 
     def drag(self, J):
         """Return S = n_f² γ_fR/k_f(J) [N s/m^4], the shape of J."""
-        return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability(J, self.n_s0, self.exponent)
+        return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability.factor(J, self.n_s0)
 
     def volume_derivatives(self, J):
         """Return J dn_f/dJ and J dS/dJ, the shape of J, the latter by a complex step exact to round-off (Squire & Trapp 1998)."""
@@ -92,7 +88,7 @@ class PorousMaterial:
     def open_pores(self, J):
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when nothing depends on it."""
         compacts = self.elastic and self.elastic.compacts
-        if self.variable_porosity or self.permeability in POROSITY_LAWS or compacts:
+        if self.variable_porosity or self.permeability.closes or compacts:
             return self.n_s0 < J
         return np.ones(J.shape, dtype=bool)
 

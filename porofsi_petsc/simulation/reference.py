@@ -20,7 +20,9 @@ from ..exact import (
     confined_ratio,
 )
 from ..fem.geometry import Rule, geometry
+from ..materials import ElasticLaw
 from ..output.probes import Probes
+from .setups import elastic_law
 
 PROFILE_POINTS = 41
 STRIP_DEPTH = 4.0  # half widths of a strip load that its profile reaches down
@@ -47,9 +49,7 @@ class ExactFields:
 class _Soil:
     """What the solutions take of a scene's one material."""
 
-    lam: float
-    mu: float
-    n_s: float
+    elastic: ElasticLaw
     rho_sR: float
     rho_fR: float
     mobility: float
@@ -58,13 +58,27 @@ class _Soil:
     @classmethod
     def of(cls, scene):
         entry = scene.material[0]
-        solid = entry.solid
-        return cls(solid.lambda_, solid.mu, 1 - entry.porosity, solid.density, entry.fluid.density, entry.mobility, solid.law)
+        return cls(elastic_law(entry), entry.solid.density, entry.fluid.density, entry.mobility, entry.solid.law)
+
+    @property
+    def lam(self):
+        """Return λ [Pa]."""
+        return self.elastic.lam
+
+    @property
+    def mu(self):
+        """Return μ [Pa]."""
+        return self.elastic.mu
+
+    @property
+    def n_s(self):
+        """Return the initial solid fraction [-]."""
+        return self.elastic.n_s0
 
     @property
     def modulus(self):
         """Return E_c = λ + 2μ [Pa]."""
-        return self.lam + 2 * self.mu
+        return self.elastic.oedometer_modulus
 
     @property
     def diffusivity(self):
@@ -129,7 +143,8 @@ def _selfweight(scene, soil):
     section = scene.reference
     gravity = -getattr(scene.body_force.solid, "xyz"[scene.dim - 1])(0.0, np.zeros((1, scene.dim)))[0]
     weight = soil.n_s * soil.rho_sR * gravity  # b of a buoyant skeleton is (1 - ρ_fR/ρ_sR) g
-    column = Selfweight(weight, section.length, soil.law, soil.lam, soil.mu, soil.n_s, soil.diffusivity)
+    law = soil.elastic
+    column = Selfweight(weight, section.length, soil.modulus, soil.diffusivity, law.confined, law.lowest_ratio)
     if soil.law == "linear_elastic":
         return _column(scene, column.settlement, column.pressure, weight * section.length)
     return _column(scene, lambda z, t: column.end_settlement(z), _no_pressure, weight * section.length)
@@ -137,7 +152,7 @@ def _selfweight(scene, soil):
 
 def _drained(scene, soil):
     section = scene.reference
-    J = confined_ratio(soil.law, section.load, soil.lam, soil.mu, soil.n_s)
+    J = confined_ratio(soil.elastic.confined, section.load, soil.elastic.lowest_ratio)
     return _column(scene, lambda z, t: (1 - J) * (section.length - z), _no_pressure, section.load)
 
 

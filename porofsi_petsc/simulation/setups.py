@@ -24,21 +24,26 @@ def materials_of(scene, mesh):
     }
 
 
+def elastic_law(entry):
+    """Return the law of a [[material]] with a solid."""
+    solid = entry.solid
+    return ELASTIC[solid.law](solid.lambda_, solid.mu, 1 - (entry.porosity or 0.0), **solid.of_law())
+
+
 def _material(entry, model):
     viscosity = entry.fluid.viscosity if entry.fluid and model.viscosity is True else 0.0
     if entry.kind == "fluid":
         return PorousMaterial.free_fluid(entry.fluid.density, viscosity)
-    elastic = ELASTIC[entry.solid.law](entry.solid.lambda_, entry.solid.mu, 1 - (entry.porosity or 0.0))
+    solid, elastic = entry.solid, elastic_law(entry)
     if entry.kind == "solid":
-        return PorousMaterial.dense_solid(elastic, entry.solid.density)
+        return PorousMaterial.dense_solid(elastic, solid.density)
     return PorousMaterial(
         elastic=elastic,
-        n_s0=1 - entry.porosity,
-        rho_sR=entry.solid.density,
+        n_s0=elastic.n_s0,
+        rho_sR=solid.density,
         rho_fR=entry.fluid.density,
         drag0=1 / entry.mobility,
-        permeability=PERMEABILITY[entry.permeability.law],
-        exponent=entry.permeability.exponent or 0.0,
+        permeability=PERMEABILITY[entry.permeability.law](**entry.permeability.of_law()),
         viscosity=viscosity,
         variable_porosity=model.porosity == "variable",
     )

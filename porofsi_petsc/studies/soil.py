@@ -2,7 +2,7 @@
 
 from ..config import Scene
 from ..config.sections import Limits
-from ..exact.confined import UNIAXIAL
+from ..materials import ELASTIC
 
 LAME = {"lambda": 8.375e6, "mu": 5.583e6}  # [Pa]
 YOUNG = LAME["mu"] * (3 * LAME["lambda"] + 2 * LAME["mu"]) / (LAME["lambda"] + LAME["mu"])  # [Pa], with ν = 0.3
@@ -14,7 +14,7 @@ REPORT_ALL = {name: "report" for name in Limits.model_fields}
 
 def confined_load(law, J, n_s0=1 - POROSITY):
     """Return the pressure [Pa] under which the soil, laterally confined and drained, rests at the volume ratio J."""
-    return -float(UNIAXIAL[law](J, LAME["lambda"], LAME["mu"], n_s0))
+    return -float(ELASTIC[law](LAME["lambda"], LAME["mu"], n_s0).confined(J))
 
 
 def material(k, law="linear_elastic", lame=LAME, porosity=POROSITY, grains=2000.0, region="body"):
