@@ -27,19 +27,23 @@ class SurfaceLoad:
         """Prepare the facets; expressions : dict component -> expression(t, x), units of the load per reference area."""
         facet = FACET[mesh.element.name]
         self._rule = Rule.of(facet, 2 * mesh.element.order + 1)
-        self._nodes = mesh.facets[tag].nodes
-        coordinates = mesh.X[self._nodes]
+        self.nodes = mesh.facets[tag].nodes
+        coordinates = mesh.X[self.nodes]
         self._dA = np.linalg.norm(facet_normal(self._rule.dN, self._rule.weights, coordinates), axis=-1)
         self._points = (self._rule.N @ coordinates).reshape(-1, mesh.dim)
         self._expressions, self._n_owned = expressions, mesh.n_owned
 
     def add_to(self, loads, t):
         """Add the loads at time t to a field (n_owned, k)."""
-        owned = self._nodes < self._n_owned
+        owned = self.nodes < self._n_owned
+        for component, nodal in self.on_facets(t):
+            loads[:, component] += np.bincount(self.nodes[owned], weights=nodal[owned], minlength=self._n_owned)
+
+    def on_facets(self, t):
+        """Yield (component, loads at time t on the nodes of every facet, (F, Af))."""
         for component, expression in self._expressions.items():
             values = expression(t, self._points).reshape(self._dA.shape)
-            nodal = surface_load(self._rule.N, self._dA, values[..., None])[..., 0]
-            loads[:, component] += np.bincount(self._nodes[owned], weights=nodal[owned], minlength=self._n_owned)
+            yield component, surface_load(self._rule.N, self._dA, values[..., None])[..., 0]
 
 
 class OpenBoundary:
@@ -51,17 +55,21 @@ class OpenBoundary:
         behind = np.flatnonzero(domain.row_of_cell[facets.cells] >= 0)
         cells = facets.cells[behind]
         self._rows, self._local = domain.row_of_cell[cells], np.array(domain.element.facets)[facets.local[behind]]
-        self._nodes = domain.cells[self._rows[:, None], self._local]
+        self.nodes = domain.cells[self._rows[:, None], self._local]
         self._beta, self._rho = beta, np.array([density[name] for name in mesh.regions])[mesh.cell_region[cells], None]
         self._rule = Rule.of(FACET[mesh.element.name], 3 * mesh.element.order)  # exact on flat facets while all of one flows in
         self._mesh = mesh
 
     def add_to(self, loads, displacement, v, c):
         """Add the residual's traction to a field (n_owned, d); displacement of the mesh, v and c (n_local, d)."""
+        vectors = self.on_facets(displacement, v, c)
+        owned = self.nodes < self._mesh.n_owned
+        np.add.at(loads, self.nodes[owned], vectors[owned])
+
+    def on_facets(self, displacement, v, c):
+        """Return the residual's traction on the nodes of every facet, (F, Af, d)."""
         here = slice(None)
-        vectors = backflow_residual(*self._data(here, displacement), *self._traces(here, v, c))
-        owned = self._nodes < self._mesh.n_owned
-        np.add.at(loads, self._nodes[owned], vectors[owned])
+        return backflow_residual(*self._data(here, displacement), *self._traces(here, v, c))
 
     def add_tangent(self, K, chunk, displacement, v, c):
         """Add the derivative by v to the tangents (E, A, m, A, m) of a slice of the elements."""
@@ -73,13 +81,13 @@ class OpenBoundary:
 
     def _data(self, here, displacement):
         """Return N, normals, ρ and β of some facets."""
-        nodes = self._nodes[here]
+        nodes = self.nodes[here]
         normal = facet_normal(self._rule.dN, self._rule.weights, self._mesh.X[nodes] + displacement[nodes])
         return self._rule.N, normal, self._rho[here], self._beta
 
     def _traces(self, here, *fields):
         """Return nodal values (n_local, d) on the nodes of some facets, (F, A, d) each."""
-        return [field[self._nodes[here]] for field in fields]
+        return [field[self.nodes[here]] for field in fields]
 
 
 # Penalty of Nitsche's method over the bound of the trace inequality, w² <= (k + 1)(k + d)/d A/V ∫w² on a simplex of order k
@@ -103,18 +111,20 @@ def weak_zero_on(domain, tags):
     bound = PENALTY * (k + 1) * (k + d) / d
     for number, nodes in enumerate(element.facets):
         here = local == number
-        N, G, normal = _trace(domain, rows[here], nodes)
+        N, G, normal = trace(domain.element, nodes, domain.mesh.X[domain.cells[rows[here]]])
         area = np.linalg.norm(normal, axis=-1).sum(axis=1)
         terms[here] = weak_zero(N, G, normal, bound * area / domain.reference.dV[rows[here]].sum(axis=1))
     return rows, terms
 
 
-def _trace(domain, rows, nodes):
-    """Return N (Q, A), G (F, Q, A, d) and normals times dA (F, Q, d) of elements on the facet with the given local nodes."""
-    element, facet = domain.element, FACET[domain.element.name]
+def trace(element, nodes, coordinates):
+    """Return N (Q, A), G (F, Q, A, d) and normals times dA (F, Q, d) of elements on the facet with the given local nodes.
+
+    coordinates : (F, A, d) of the nodes of the elements
+    """
+    facet = FACET[element.name]
     points, weights = quadrature(facet.dim, 2 * element.order)
     xi = barycentric(points) @ element.node_coordinates[list(nodes[: element.dim])]
-    coordinates = domain.mesh.X[domain.cells[rows]]
     dN = element.gradient(xi)
     jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ dN
     normal = facet_normal(facet.gradient(points), weights, coordinates[:, list(nodes)])
@@ -229,6 +239,12 @@ def facet_masses(domain, rows, local):
         areas[here] = dA.sum(axis=1)
         terms[np.ix_(here, nodes, nodes)] = surface_mass(rule.N, dA, np.ones((len(here), 1)))
     return terms, areas
+
+
+def facet_areas(element, coordinates):
+    """Return the areas of facets with nodes at coordinates (F, Af, d), (F,) [m^(d-1)]."""
+    rule = Rule.of(FACET[element.name], 2 * element.order)
+    return np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1).sum(axis=1)
 
 
 def tags_of(mesh, row_of_cell):

@@ -1,4 +1,4 @@
-"""Integrals over facets: loads that stay or follow, Robin terms, backflow, and a field that vanishes on a surface weakly.
+"""Integrals over facets: loads that stay or follow, tractions, Robin terms, backflow, a field that vanishes on a surface weakly.
 
 N (Q, A) and dN (Q', A, d - 1) are those of the facet's element, Q' = 1 where gradients are constant.
 """
@@ -104,6 +104,17 @@ def _inflow(N, normal, rho, beta, c):
     flux = ((N @ c) * normal).sum(axis=-1)
     weight = -beta / 2 * rho
     return weight * np.minimum(flux, 0), np.where(flux < 0, weight, 0)[..., None] * normal
+
+
+def traction_load(N, G, normal, v, p, mu):
+    """Return ∮ N_a (-p I + μ (∇v + ∇vᵀ)) n dA, (F, A, d) [N], of the stress in the cells behind facets.
+
+    N (Q, A), G (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal times dA; v (F, A, d), p (F, A),
+    mu (F,) [Pa s]
+    """
+    gradient = np.swapaxes(v, 1, 2)[:, None] @ G
+    viscous = (gradient + np.swapaxes(gradient, 2, 3)) @ normal[..., None]
+    return N.T @ (mu[:, None, None] * viscous[..., 0] - (p @ N.T)[..., None] * normal)
 
 
 def weak_zero(N, G, normal, penalty):
