@@ -32,6 +32,16 @@ def implicit_second_order(dt):
     return SecondOrder(dt, 1.0, 1.0, 1.0, 0.5)
 
 
+def at_end(scheme, age, before, now):
+    """Return a value at the end of a step, on the line through the last two collocated ones.
+
+    age : from the level of the one before to the start of the step [s]; None: there is no line
+    """
+    if age is None:
+        return now.copy()
+    return now + (1 - scheme.alpha_f) * scheme.dt / (age + scheme.alpha_f * scheme.dt) * (now - before)
+
+
 @dataclass(frozen=True)
 class Steady:
     """No rates at all: the balance holds at the end of a step, whose size only counts the steps of a load."""

@@ -75,9 +75,9 @@ WRONG = {
         ["force=[{name='F', on='lid'}]"],
         r"\[force\.0\.on\]: the mesh has no boundary tag 'lid'; choose from bottom, interface, left, right, top",
     ),
-    "force on a solid": (
-        [sides("{on='foot', displacement={x=0, y=0}}"), SPLIT_FLOOR, "force=[{name='F', on='foot'}]"],
-        r"\[force\.0\.on\]: tag 'foot' is on the solid, expected a surface of the fluid",
+    "force on a solid and a fluid": (
+        [sides("{on='foot', displacement={x=0, y=0}}"), SPLIT_FLOOR, "force=[{name='F', on=['top', 'foot']}]"],
+        r"\[force\.0\.on\]: received 'foot' on the solid and 'top' on the fluid, expected surfaces of one of them; .*",
     ),
     "two forces of one name": (
         ["force=[{name='F', on='top'}, {name='F', on='left'}]"],

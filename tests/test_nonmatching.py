@@ -446,7 +446,7 @@ WRONG = {
     ),
     "a force on the solid": (
         ["force=[{name='F', on='wet_solid'}]"],
-        r"\[force\.0\.on\]: tag 'wet_solid' is on the solid, expected a surface of the fluid, whose force it is",
+        r"\[force\.0\.on\]: tag 'wet_solid' is on the solid's side of an interface, expected the fluid's, whose force it is",
     ),
     "monolithic": (
         ["coupling.scheme=direct"],

@@ -1,16 +1,18 @@
-"""The force of a fluid on a surface that ends where another boundary begins: a node there has the traction of both."""
+"""Forces on surfaces that end where another boundary begins: a node there has the traction of both."""
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from running import SCENES, Job, history, needs_mpirun, run_here, run_on
+from scipy.integrate import trapezoid
 
 from porofsi_petsc import load_scene
+from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.phases.surface_force import State, SurfaceForce
+from porofsi_petsc.phases.surface_force import FluidForce, State
 from porofsi_petsc.simulation.build import build_coupling, local_mesh
 
-POISEUILLE = str(SCENES / "poiseuille.toml")
+POISEUILLE, BAR, FLAP = (str(SCENES / f"{name}.toml") for name in ("poiseuille", "bar", "flap"))
 # The flow is in the space of the elements.  What is left is the tolerance of the iteration, 1e-12 of
 # the largest force, times the condition of the system.
 EXACT = 1e-9
@@ -131,6 +133,88 @@ def test_a_surface_without_a_rim_has_the_sum_over_its_nodes():
     coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
     fluid = coupling.fluid
     residual = np.random.default_rng(1).standard_normal(fluid.force.shape)
-    state = State(residual, fluid.v, fluid.v, fluid.p, fluid.v, 1.0)
+    state = State(residual, 1.0, fluid.v, fluid.v, fluid.v, fluid.p)
     nodes = np.unique(fluid.mesh.facets["cylinder"].nodes)
-    assert (SurfaceForce(fluid.setup, ["cylinder"]).on_rank(state) == residual[nodes].sum(axis=0)).all()
+    assert (FluidForce.on(fluid.setup, ["cylinder"]).on_rank(state) == residual[nodes].sum(axis=0)).all()
+
+
+# -- of a solid: on what holds it -------------------------------------------------------------------
+
+LAMBDA, MU, RHO = 6.0, 5.0, 2.0  # of the bar [Pa], [kg/m³]; it is 0.25 m wide and 1 m high
+STEADY = ("time.scheme=steady", "model.solid_inertia=false", "model.fluid_inertia=false", "time.step=1.0")
+ON_BAR = "force=[{name='foot', on='bottom'}, {name='side', on='left'}]"
+
+
+def test_a_support_feels_the_weight(tmp_path):
+    """Of a body that leans on its foot alone, bent to one side by its weight."""
+    free = "boundary=[{on='bottom', displacement={x=0.0, y=0.0}}, {on=['left', 'right', 'top']}]"
+    weight = "body_force={solid={x=0.01, y=-0.1}}"
+    law = "material.0.solid.law='saint_venant_kirchhoff'"
+    found = rows(BAR, tmp_path / "run", free, weight, law, ON_BAR, *STEADY, "coupling.tangent=newton")
+    assert found["foot.f_x"][-1] == pytest.approx(RHO * 0.25 * 0.01, rel=1e-8)  # the tolerance is 1e-10 of the largest force
+    assert found["foot.f_y"][-1] == pytest.approx(-RHO * 0.25 * 0.1, rel=1e-8)
+
+
+def test_a_load_goes_into_foot_and_sides(tmp_path):
+    """Uniaxial strain under a traction from above: σ_xx = λ/(λ + 2 μ) σ_yy on the sides."""
+    sides = "{on='bottom', displacement={x=0.0, y=0.0}}, {on=['left', 'right'], displacement={x=0.0}}"
+    found = rows(BAR, tmp_path / "run", f"boundary=[{sides}, {{on='top', traction={{y=-1.0}}}}]", ON_BAR, *STEADY)
+    forces = [found[name][-1] for name in ("foot.f_x", "foot.f_y", "side.f_x", "side.f_y")]
+    expected = [0.0, -0.25, -LAMBDA / (LAMBDA + 2 * MU), 0.0]
+    print("foot and side:", forces)
+    assert np.allclose(forces, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_uniform_stress_is_split_exactly_at_large_strain(order, tmp_path):
+    """All sides are prescribed, so that each corner has two reactions."""
+    H = np.array([[0.3, 0.2], [-0.1, -0.25]])
+    moved = "{x='t*(0.3*x + 0.2*y)', y='-t*(0.1*x + 0.25*y)'}"
+    sides = f"boundary=[{{on=['left', 'right', 'bottom', 'top'], displacement={moved}}}]"
+    law = "material.0.solid.law='saint_venant_kirchhoff'", f"mesh.order={order}", "coupling.tangent=newton"
+    found = rows(BAR, tmp_path / "run", sides, *law, ON_BAR, *STEADY, "time.step=0.25")
+    F = np.eye(2) + H
+    E = (F.T @ F - np.eye(2)) / 2
+    P = F @ (LAMBDA * np.trace(E) * np.eye(2) + 2 * MU * E)
+    exact = np.concatenate([0.25 * P[:, 1], P[:, 0]])  # -P N times the length
+    forces = [found[f"{name}.f_{axis}"][-1] for name in ("foot", "side") for axis in "xy"]
+    print(f"P{order}: {forces}, exact {exact}")
+    assert np.allclose(forces, exact, rtol=0, atol=1e-8)
+
+
+def test_a_restart_goes_on_with_the_force_of_a_bar_that_falls_on_its_foot(tmp_path):
+    """In a period 4 L/c of the bar the foot takes the weight on the average, whose momentum is then as before."""
+    period = 4 / np.sqrt((LAMBDA + 2 * MU) / RHO)
+    scene = "body_force={solid={y=-0.1}}", f"time.step={period / 200}", ON_BAR, "output.checkpoint_every=80"
+    whole = rows(BAR, tmp_path / "whole", *scene, f"time.end={period}")
+    run_here(Job(BAR, str(tmp_path / "part"), (*scene, f"time.end={0.4 * period}")))
+    checkpoint = str(tmp_path / "part" / "checkpoint.h5")
+    run_here(Job(BAR, str(tmp_path / "part"), (*scene, f"time.end={period}"), restart=checkpoint))
+    again, mean = history(tmp_path / "part")["foot.f_y"], trapezoid(whole["foot.f_y"], whole["t"]) / period
+    print(f"mean {mean:.6f}, weight {-RHO * 0.25 * 0.1:.6f}; restart differs by {np.abs(again - whole['foot.f_y']).max():.1e}")
+    assert np.allclose(again, whole["foot.f_y"], rtol=0, atol=1e-9)
+    assert mean == pytest.approx(-RHO * 0.25 * 0.1, rel=0.01)  # two steps of 200, the last of a wave that is not smooth
+
+
+def test_a_checkpoint_without_the_force_of_the_solid_is_refused(tmp_path):
+    scene = "body_force={solid={y=-0.1}}", "output.checkpoint_every=1", "time.step=0.1"
+    run_here(Job(BAR, str(tmp_path / "run"), (*scene, "time.end=0.1")))
+    checkpoint = str(tmp_path / "run" / "checkpoint.h5")
+    with pytest.raises(InputError, match=r"received a \[\[force\]\] on the solid, which the run of the checkpoint had not"):
+        run_here(Job(BAR, str(tmp_path / "more"), (*scene, ON_BAR, "time.end=0.2"), restart=checkpoint))
+
+
+@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=needs_mpirun)])
+def test_the_foot_of_a_flap_takes_what_the_flow_does_to_the_flap(ranks, tmp_path):
+    """In a steady flow; the node between flap and floor has the force on both, of which the floor's is none of the foot."""
+    sides = "{on=['bottom', 'top'], velocity={x=0.0, y=0.0}}, {on='foot', displacement={x=0.0, y=0.0}}"
+    inlet = "{on='left', velocity={x='2*y*(0.4 - y)', y=0.0}}"
+    scene = f"boundary=[{inlet}, {sides}, {{on='right'}}]", "mesh.patches=[{name='foot', side='bottom', x=[0.4, 0.5]}]"
+    force = "force=[{name='flap', on='interface'}, {name='foot', on='foot'}]", "coupling.tolerance=1e-9"
+    options = *scene, *force, *STEADY, "time.end=1.0", "coupling.tangent=newton"
+    run_on(ranks, [Job(FLAP, str(tmp_path / "run"), options)], tmp_path)
+    found = history(tmp_path / "run")
+    for axis in "xy":
+        flap, foot = (found[f"{name}.f_{axis}"][-1] for name in ("flap", "foot"))
+        print(f"f_{axis}: flap {flap:.8f}, foot {foot:.8f} N/m")
+        assert foot == pytest.approx(flap, rel=1e-6) and abs(flap) > 0.01

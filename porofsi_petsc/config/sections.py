@@ -189,7 +189,7 @@ class Probe(Table):
 
 
 class Force(Table):
-    """The force of a free fluid on tagged surfaces, recorded in every step as name.f_x, name.f_y, name.f_z [N]."""
+    """The force of a free fluid or a solid on tagged surfaces, in every step as name.f_x, name.f_y, name.f_z [N]."""
 
     name: Name
     on: Tags

@@ -64,6 +64,10 @@ class InterfaceMedium(Medium):
             force = force + self._pressure.turned(flow.pressure, moved)
         return replace(flow, force=self._transfer.to_solid(force))
 
+    def to_solid(self, force):
+        """Return forces of the fluid, (n_owned, d) [N], on the nodes of the solid's side of the interface (collective)."""
+        return self._transfer.to_solid(np.where(self._on_fluid, force, 0.0))
+
     def displacement(self):
         """Return the accepted displacement of solid and mesh, (n_local, d) [m]."""
         return np.where(self._of_solid, self.solid.u, self.motion.u)

@@ -247,6 +247,13 @@ def facet_areas(element, coordinates):
     return np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1).sum(axis=1)
 
 
+def has_facets(domain, tags):
+    """Return whether an element of a `Domain` on some rank has a facet with one of the tags (collective)."""
+    facets = [domain.mesh.facets[tag].nodes for tag in tags]
+    mine = any((locate_facets(nodes, domain.cells, domain.element)[0] >= 0).any() for nodes in facets)
+    return any(domain.mesh.comm.allgather(mine))
+
+
 def tags_of(mesh, row_of_cell):
     """Return the set of tags of a `LocalMesh` with a facet on a cell whose row, (cells,), is not negative (collective)."""
     mine = {tag for tag, facets in mesh.facets.items() if (row_of_cell[facets.cells] >= 0).any()}

@@ -51,6 +51,15 @@ def stress_residual(G0, dV0, law, u):
     return vectors
 
 
+def stress_load(N, G0, normal, law, u):
+    """Return ∮ N_a P·N dA0, (F, A, d) [N], of the stress in the cells behind facets.
+
+    N (Q, A), G0 (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal times dA0; u (F, A, d) [m]
+    """
+    P = law.stress(displacement_gradient(G0, u))
+    return N.T @ (P @ normal[..., None])[..., 0]
+
+
 @specialized
 def _stress_loop(A, d):
     def loop(G0, dV0, P, vectors):

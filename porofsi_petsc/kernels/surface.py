@@ -110,11 +110,11 @@ def traction_load(N, G, normal, v, p, mu):
     """Return ∮ N_a (-p I + μ (∇v + ∇vᵀ)) n dA, (F, A, d) [N], of the stress in the cells behind facets.
 
     N (Q, A), G (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal times dA; v (F, A, d), p (F, A),
-    mu (F,) [Pa s]
+    mu [Pa s]
     """
     gradient = np.swapaxes(v, 1, 2)[:, None] @ G
     viscous = (gradient + np.swapaxes(gradient, 2, 3)) @ normal[..., None]
-    return N.T @ (mu[:, None, None] * viscous[..., 0] - (p @ N.T)[..., None] * normal)
+    return N.T @ (mu * viscous[..., 0] - (p @ N.T)[..., None] * normal)
 
 
 def weak_zero(N, G, normal, penalty):

@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
+from ..clock import at_end
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
@@ -526,10 +527,7 @@ class FluidPhase:
 
     def _at_end(self, before, now):
         """Return a value at the end of the trial step, on the line through the last two collocated ones."""
-        scheme = self.scheme
-        if self._p0_age is None:
-            return now.copy()
-        return now + (1 - scheme.alpha_f) * scheme.dt / (self._p0_age + scheme.alpha_f * scheme.dt) * (now - before)
+        return at_end(self.scheme, self._p0_age, before, now)
 
     def reset(self):
         """Forget the trial state."""

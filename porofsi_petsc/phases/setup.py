@@ -77,7 +77,7 @@ class SolidSetup(PhaseSetup):
     mass_scaling : factor of the mass in the tangent of the split "scaled", or "optimal"
     immersed : a porous solid that a free fluid flows through, of which it feels the drag alone;
     robin : of an interface on which α v_s is added to the traction; told : (n_local,) bool, nodes to which an interface tells
-    their velocity
+    their velocity; reaction : whether the force on its boundary is kept from step to step
     """
 
     dirichlet: Dirichlet
@@ -87,6 +87,7 @@ class SolidSetup(PhaseSetup):
     immersed: bool = False
     robin: InterfaceMass | None = None
     told: np.ndarray | None = None
+    reaction: bool = False
 
     @cached_property
     def mask(self):

@@ -4,6 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..clock import at_end
 from ..errors import ConvergenceError
 from ..fem.domain import Configuration
 from ..kernels import exchange, shape
@@ -30,6 +31,8 @@ class SolidPhase:
 
     The positions are stored as displacements u = y - X, so that round-off is relative to the motion.  Arrays (n_local, d), ghosts
     included: `u`, `v`, `a` of the accepted level n; `_u1`, `_v1`, `_a1` of the trial level n + 1.
+    `force` (n_owned, d) is that on what bounds it at the end of the accepted step, `_force0` the
+    collocated one, if they are kept.
     """
 
     prefix = "solid_"
@@ -41,6 +44,8 @@ class SolidPhase:
         shape = (self.mesh.n_local, self.mesh.dim)
         self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
+        self.force, self._force0 = (np.zeros((self.mesh.n_owned, self.mesh.dim)) for _ in range(2))
+        self._force_age = None  # from the level of _force0 to the accepted end of step [s]; None: no line through it
         self._rule = TangentRule(self.is_linear)
         self._matrix = self._solver = self._configuration = self._own = self._accepted_configuration = None
         self._before = self.u  # displacement of the iterate before, (n_local, d)
@@ -165,7 +170,15 @@ class SolidPhase:
     def residual(self, flow):
         """Return the `Residual` of the trial state under the flow's pressure and drag [N]."""
         terms = self._own_terms() | self._flow_terms(flow) | {"body": self._body, "traction": -self._traction}
-        return Residual(self.mesh.comm, terms, self._setup.dirichlet.free)
+        self._residual = Residual(self.mesh.comm, terms, self._setup.dirichlet.free)
+        return self._residual
+
+    def boundary_force(self, residual):
+        """Return the force on what bounds the solid, (n_owned, d) [N]: minus the residual without given tractions.
+
+        The force of a fluid is part of the residual; where the solid is held it is minus the reaction.
+        """
+        return -sum(term for name, term in residual.terms.items() if name != "traction")
 
     def _own_terms(self):
         """Return the terms that depend on the skeleton alone; kept until its trial state changes."""
@@ -392,6 +405,10 @@ class SolidPhase:
         configuration = self._configuration_at(self._u1)
         self._accepted_configuration = configuration
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
+        if self._setup.reaction:
+            force = self.boundary_force(self._residual)
+            self.force, self._force0 = at_end(self.scheme, self._force_age, self._force0, force), force
+            self._force_age = (1 - self.scheme.alpha_f) * self.scheme.dt
 
     def reset(self):
         """Forget the trial state."""
@@ -401,15 +418,19 @@ class SolidPhase:
     def state(self):
         """Return every array a restart needs, name -> (n_owned, d)."""
         n = self.mesh.n_owned
-        return {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]} | self._rule.state(n)
+        forces = {"force": self.force, "force_collocated": self._force0} if self._setup.reaction else {}
+        return {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]} | forces | self._rule.state(n)
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
-        return self._rule.memory()
+        return self._rule.memory() | ({"force_age": self._force_age} if self._setup.reaction else {})
 
     def load_state(self, arrays, memory, rates):
         """Continue from `state` and `memory`; a tangent that fits the rates of the next step is made again where it was."""
         self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
+        if self._setup.reaction:
+            self.force, self._force0 = arrays["force"], arrays["force_collocated"]
+            self._force_age = memory["force_age"]
         self._accepted_configuration = None
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)

@@ -1,11 +1,11 @@
-"""The force of a free fluid on a surface: the residual on its nodes, split where other boundaries have a part in it."""
+"""The force of a phase on a surface: the residual on its nodes, split where others have a part in it."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ..fem.boundary import facet_areas, trace
-from ..fem.essential import owned_nodes
+from ..kernels.solid import stress_load
 from ..kernels.surface import traction_load
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 
@@ -13,35 +13,41 @@ from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 class State(NamedTuple):
     """What a force is found from, at one time t.
 
-    residual (n_owned, d) [N] of `FluidPhase.boundary_force`;
-    v, c = v - v_m (n_local, d), p (n_local,); u (n_local, d) of the mesh
+    residual (n_owned, d) [N] of `FluidPhase.boundary_force` or `SolidPhase.boundary_force`;
+    u (n_local, d) [m] of the mesh or the solid; of a fluid v, c = v - v_m (n_local, d), p (n_local,)
     """
 
     residual: np.ndarray
-    v: np.ndarray
-    c: np.ndarray
-    p: np.ndarray
-    u: np.ndarray
     t: float
+    u: np.ndarray
+    v: np.ndarray | None = None
+    c: np.ndarray | None = None
+    p: np.ndarray | None = None
 
 
 class SurfaceForce:
-    """The force on tagged surfaces from the residual on their nodes, which has no error of recovered stresses.
+    """The force on some facets from the residual on their nodes, which has no error of recovered stresses.
 
     On the rim the residual of a node holds what other boundaries feel, too: it is -Σ ∮ N σn dA over
     all facets of the node.  Facets whose traction is given have a known part.  Each of the others
     has the integral of the stress in the element behind it, and of what the residual has beyond all
     these parts a share by its area.  So the forces on all boundaries add up to the whole residual,
-    and a stress that the elements can represent is split exactly.
+    and a stress that the elements can represent is split exactly.  A phase says what its stress is.
     """
 
-    def __init__(self, setup, tags):
-        """Take the `FluidSetup` and the tags of the surfaces."""
+    def __init__(self, setup, surfaces):
+        """Take the `PhaseSetup` and the facets of the surfaces, each (F, Af) nodes."""
         self._setup, self._domain = setup, setup.domain
-        self._nodes = np.unique(np.concatenate([owned_nodes(setup.domain.mesh, tag) for tag in tags]))
-        self._find_rim(tags)
+        nodes = np.unique(np.concatenate([facets.ravel() for facets in surfaces]))
+        self._nodes = nodes[nodes < self._domain.n_owned]
+        self._find_rim(surfaces)
 
-    def _find_rim(self, tags):
+    @classmethod
+    def on(cls, setup, tags):
+        """Return that on tagged surfaces."""
+        return cls(setup, [setup.domain.mesh.facets[tag].nodes for tag in tags])
+
+    def _find_rim(self, surfaces):
         """Set the nodes that other boundaries share, and the facets around them.
 
         A rank has all elements around its nodes.
@@ -49,7 +55,7 @@ class SurfaceForce:
         domain = self._domain
         rows, local = boundary_facets(domain.cells, domain.element)
         facets = cell_facets(domain.cells[rows], domain.element)[np.arange(len(rows)), local]
-        self._own = self._tagged(tags)
+        self._own = self._marked(surfaces)
         own = self._own[rows, local]
         rim = np.intersect1d(facets[own], facets[~own])
         self._rim = rim[rim < domain.n_owned]
@@ -58,28 +64,29 @@ class SurfaceForce:
         self._held = self._prescribed()
 
     def _located(self, nodes):
-        """Return which facets, nodes (F, Af), have an element of the fluid, its row, the local number."""
+        """Return which facets, nodes (F, Af), have an element of the phase, its row, the local number."""
         rows, local = locate_facets(nodes, self._domain.cells, self._domain.element)
         found = np.flatnonzero(rows >= 0)
         return found, rows[found], local[found]
 
-    def _tagged(self, tags):
-        """Return which facets of the elements have one of the tags, (E, facets) bool."""
-        tagged = np.zeros((self._domain.n_cells, len(self._domain.element.facets)), dtype=bool)
-        for tag in tags:
-            _, rows, local = self._located(self._domain.mesh.facets[tag].nodes)
-            tagged[rows, local] = True
-        return tagged
+    def _marked(self, surfaces):
+        """Return which facets of the elements are those of surfaces, each (F, Af) nodes, (E, facets) bool."""
+        marked = np.zeros((self._domain.n_cells, len(self._domain.element.facets)), dtype=bool)
+        for facets in surfaces:
+            _, rows, local = self._located(facets)
+            marked[rows, local] = True
+        return marked
 
     def _prescribed(self):
-        """Return on which facets of the elements a component of the velocity is prescribed, (E, facets, d) bool.
+        """Return on which facets of the elements the field is prescribed, (E, facets, d) bool.
 
-        On the rest of the boundary its traction is given, or zero.
+        On the rest of the boundary the traction is given, or zero.
         """
-        held = np.zeros((self._domain.n_cells, len(self._domain.element.facets), self._domain.dim), dtype=bool)
-        held[self._rows, self._local] = self._setup.no_slip[self._facets].all(axis=1)[:, None]
-        for condition in self._setup.velocity.conditions:
-            held[..., condition.given.component] |= self._tagged([condition.given.tag])
+        shape = self._domain.n_cells, len(self._domain.element.facets), self._domain.dim
+        held = np.zeros(shape, dtype=bool)
+        for condition in self._essential.conditions:
+            facets = self._domain.mesh.facets[condition.given.tag].nodes
+            held[..., condition.given.component] |= self._marked([facets])
         return held
 
     def on_rank(self, state):
@@ -89,11 +96,18 @@ class SurfaceForce:
             force[np.searchsorted(self._nodes, self._rim)] = self._split(state)
         return force.sum(axis=0)
 
+    def of_others(self, state):
+        """Return what other boundaries have in the residual on the surface, (n_owned, d) [N]."""
+        others = np.zeros_like(state.residual)
+        if len(self._rim):
+            others[self._rim] = state.residual[self._rim] - self._split(state)
+        return others
+
     def _split(self, state):
         """Return the part of the surface in the residual on the rim, (R, d) [N]."""
         held = self._held[self._rows, self._local][:, None]
         tractions = np.where(held, self._tractions(state), 0.0)
-        areas = np.where(held, self._areas(state.u)[:, None, None], np.zeros_like(tractions))
+        areas = np.where(held, self._areas(state)[:, None, None], np.zeros_like(tractions))
         own = self._own[self._rows, self._local]
         parts, shares = (
             [self._on_rim(self._facets[chosen], values[chosen]) for chosen in (own, ~own)] for values in (tractions, areas)
@@ -113,34 +127,85 @@ class SurfaceForce:
     def _tractions(self, state):
         """Return -∮ N_a σn dA of the stress in the elements behind the facets, (F, Af, d) [N]."""
         domain, parts = self._domain, np.empty((*self._facets.shape, self._domain.dim))
-        mu = np.empty(domain.n_cells)
-        for region, span in domain.region_slices.items():
-            mu[span] = self._setup.materials[region].viscosity
-        for number, nodes in enumerate(domain.element.facets):
-            here = np.flatnonzero(self._local == number)
-            rows = self._rows[here]
-            x, v, p = (domain.gather(field, rows) for field in (domain.mesh.X + state.u, state.v, state.p))
-            loads = traction_load(*trace(domain.element, nodes, x), v, p, mu[rows])
-            parts[here] = -loads[:, list(nodes)]
+        region = np.empty(domain.n_cells, dtype=int)
+        for i, span in enumerate(domain.region_slices.values()):
+            region[span] = i
+        for i, name in enumerate(domain.region_slices):
+            for number, nodes in enumerate(domain.element.facets):
+                here = np.flatnonzero((self._local == number) & (region[self._rows] == i))
+                rows = self._rows[here]
+                surface = trace(domain.element, nodes, domain.gather(self._positions(state), rows))
+                loads = self._loads_of_stress(surface, self._setup.materials[name], state, rows)
+                parts[here] = -loads[:, list(nodes)]
         return parts
 
-    def _areas(self, u):
+    def _areas(self, state):
         """Return the areas of the facets, (F,) [m^(d-1)]."""
-        return facet_areas(self._domain.element, (self._domain.mesh.X + u)[self._facets])
+        return facet_areas(self._domain.element, self._positions(state)[self._facets])
 
     def _subtract_loads(self, state, parts):
-        """Subtract the given tractions from the parts of the surface and of the other facets, (R, d) each, in place."""
+        """Subtract the given tractions from the parts, own and others, (R, d) each, in place."""
         for load in self._setup.loads:
             vectors = np.zeros((*load.nodes.shape, self._domain.dim))
             for component, values in load.on_facets(state.t):
                 vectors[..., component] = values
             self._add_where_free(parts, load.nodes, -vectors)
-        for boundary in self._setup.open_boundaries:
-            self._add_where_free(parts, boundary.nodes, boundary.on_facets(state.u, state.v, state.c))
 
     def _add_where_free(self, parts, nodes, vectors):
-        """Add vectors (F, Af, d) on facets, nodes (F, Af), to their part where no velocity is prescribed."""
+        """Add vectors (F, Af, d) on facets, nodes (F, Af), to their part where nothing is prescribed."""
         found, rows, local = self._located(nodes)
-        own, free = self._own[rows, local], np.where(self._held[rows, local][:, None], 0.0, vectors[found])
+        own = self._own[rows, local]
+        free = np.where(self._held[rows, local][:, None], 0.0, vectors[found])
         for part, chosen in zip(parts, (own, ~own), strict=True):
             part += self._on_rim(nodes[found][chosen], free[chosen])
+
+
+class FluidForce(SurfaceForce):
+    """The force of a free fluid, whose stress is that on the moved mesh."""
+
+    @classmethod
+    def on_interface(cls, setup):
+        """Return that on the interface with a solid."""
+        cells, element = setup.domain.cells, setup.domain.element
+        rows, local = boundary_facets(cells, element)
+        facets = cell_facets(cells[rows], element)[np.arange(len(rows)), local]
+        return cls(setup, [facets[setup.no_slip[facets].all(axis=1)]])
+
+    @property
+    def _essential(self):
+        return self._setup.velocity
+
+    def _prescribed(self):
+        held = super()._prescribed()
+        held[self._rows, self._local] |= self._setup.no_slip[self._facets].all(axis=1)[:, None]
+        return held
+
+    def _positions(self, state):
+        return self._domain.mesh.X + state.u
+
+    def _loads_of_stress(self, surface, material, state, rows):
+        v, p = self._domain.gather(state.v, rows), self._domain.gather(state.p, rows)
+        return traction_load(*surface, v, p, material.viscosity)
+
+    def _subtract_loads(self, state, parts):
+        super()._subtract_loads(state, parts)
+        for boundary in self._setup.open_boundaries:
+            vectors = boundary.on_facets(state.u, state.v, state.c)
+            self._add_where_free(parts, boundary.nodes, vectors)
+
+
+class SolidForce(SurfaceForce):
+    """The force of a solid on what holds it, minus the reaction; its stress is that of the reference.
+
+    The force of a fluid on it is part of the residual.
+    """
+
+    @property
+    def _essential(self):
+        return self._setup.dirichlet
+
+    def _positions(self, state):
+        return self._domain.mesh.X
+
+    def _loads_of_stress(self, surface, material, state, rows):
+        return stress_load(*surface, material.elastic, self._domain.gather(state.u, rows))

@@ -42,7 +42,7 @@ CLOCK = {
 }
 PHASE = {"rates?": [SIZE], "built_with?": COUNT}
 COUPLING = {
-    "solid": PHASE,
+    "solid": PHASE | {"force_age?": SIZE},
     "fluid": PHASE | {"pressure_age?": SIZE},
     "iterations": COUNT,
     "largest": {"*": SIZE},

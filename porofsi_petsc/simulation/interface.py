@@ -8,7 +8,7 @@ from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
-from ..fem.boundary import InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, tags_of
+from ..fem.boundary import InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, has_facets, tags_of
 from ..fem.closed import closed_nodes
 from ..fem.domain import Domain
 from ..fem.essential import Essential
@@ -180,6 +180,7 @@ class _Builder:
             mass_scaling=None,
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             told=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
+            reaction=not all([has_facets(self._fluid_domain, force.on) for force in self.scene.force]),
             **self._common,
         )
 

@@ -30,13 +30,22 @@ def resume(path, header, scene, text, loop, coupling, energy, measures):
         if wrong := mistake(header):
             raise ValueError(wrong)
         _require_same_scene(path, header, scene, text)
-        _require_arrays(header["arrays"], coupling.state())
+        state = coupling.state()
+        _require_forces(path, header["arrays"], state)
+        _require_arrays(header["arrays"], state)
         arrays = read_arrays(path, header, mesh)
         _load(path, header, arrays, scene, loop, coupling, energy, measures)
     except KeyError as missing:
         raise damaged(path, f"its entry {missing} is missing", mesh.comm) from missing
     except (TypeError, ValueError) as failure:
         raise damaged(path, str(failure), mesh.comm) from failure
+
+
+def _require_forces(path, arrays, state):
+    """Raise InputError where forces of the solid are asked for that the run before did not keep."""
+    if "solid.force" in state and "solid.force" not in arrays:
+        text = "received a [[force]] on the solid, which the run of the checkpoint had not"
+        raise InputError(f"{path}: {text}, expected one on the fluid; leave it out, or start anew")
 
 
 def _require_arrays(arrays, state):

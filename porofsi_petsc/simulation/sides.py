@@ -95,12 +95,20 @@ def _excluded_by(quantity, phases):
 
 
 def _check_forces(scene, mesh, sides, where):
+    """Raise InputError where the surfaces of a force are on two phases, or feel what is not theirs."""
+    of_solid = {tag for pair in scene.interface for tag in pair.solid}
     for i, force in enumerate(scene.force):
         place = f"{where} [force.{i}.on]"
         require_tags(mesh, force.on, place)
         for tag in force.on:
-            if sides[tag] == {"solid"}:
-                raise InputError(f"{place}: tag '{tag}' is on the solid, expected a surface of the fluid, whose force it is")
+            if tag in of_solid:
+                text = "is on the solid's side of an interface, expected the fluid's, whose force it is"
+                raise InputError(f"{place}: tag '{tag}' {text}")
+        dry = [tag for tag in force.on if sides[tag] == {"solid"}]
+        if 0 < len(dry) < len(force.on):
+            wet = next(tag for tag in force.on if tag not in dry)
+            text = f"received '{dry[0]}' on the solid and '{wet}' on the fluid"
+            raise InputError(f"{place}: {text}, expected surfaces of one of them; give each a [[force]]")
 
 
 def probes_in(scene, domain):

@@ -1,0 +1,48 @@
+"""The forces that a scene asks for: of the fluid on its surfaces, of the solid where no fluid is behind them."""
+
+import numpy as np
+from mpi4py import MPI
+
+from ..fem.boundary import has_facets
+from ..phases.surface_force import FluidForce, SolidForce, State
+
+
+class Forces:
+    """The forces on the surfaces of a scene with free fluids and solids."""
+
+    def __init__(self, scene, coupling):
+        """Find the surfaces (collective)."""
+        self._coupling, self._comm = coupling, coupling.solid.mesh.comm
+        self._surfaces = [self._surface(force.on) for force in scene.force]
+        self._interface = FluidForce.on_interface(coupling.fluid.setup)
+
+    def _surface(self, tags):
+        solid, fluid = self._coupling.solid, self._coupling.fluid
+        if has_facets(fluid.domain, tags):
+            return FluidForce.on(fluid.setup, tags)
+        return SolidForce.on(solid.setup, tags)
+
+    def at(self, t):
+        """Return the forces at the present time t, component by component (collective).
+
+        They are zero before the first step, which leaves no residual to be split.
+        """
+        flow = self._flow(t)
+        states = {FluidForce: flow, SolidForce: self._solid(t, flow)}
+        mine = np.array([surface.on_rank(states[type(surface)]) for surface in self._surfaces])
+        return (self._comm.allreduce(mine.ravel()) * self._are_known()).tolist()
+
+    def _are_known(self):
+        mine = self._coupling.solid.force.any() or self._coupling.fluid.force.any()
+        return self._comm.allreduce(bool(mine), MPI.LOR)
+
+    def _flow(self, t):
+        fluid, carrier = self._coupling.fluid, self._coupling.accepted_carrier()
+        through = fluid.v - carrier.mesh_velocity
+        return State(fluid.force, t, carrier.displacement, fluid.v, through, fluid.p)
+
+    def _solid(self, t, flow):
+        """Return the state of the solid; what a fluid does to other walls at the rim of the interface is not its load."""
+        solid = self._coupling.solid
+        others = self._coupling.to_solid(self._interface.of_others(flow))
+        return State(solid.force - others, t, solid.u)
