@@ -1,16 +1,22 @@
 """Forces on surfaces that end where another boundary begins: a node there has the traction of both."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from manufactured import steps_to_end
 from mpi4py import MPI
 from running import SCENES, Job, history, needs_mpirun, run_here, run_on
 from scipy.integrate import trapezoid
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.errors import InputError
+from porofsi_petsc.fem.distribute import distribute
+from porofsi_petsc.linalg.options import start
 from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.surface_force import FluidForce, State
-from porofsi_petsc.simulation.build import build_coupling, local_mesh
+from porofsi_petsc.simulation.build import build_coupling, local_mesh, serial_mesh
+from porofsi_petsc.simulation.forces import Forces
 
 POISEUILLE, BAR, FLAP = (str(SCENES / f"{name}.toml") for name in ("poiseuille", "bar", "flap"))
 # The flow is in the space of the elements.  What is left is the tolerance of the iteration, 1e-12 of
@@ -115,6 +121,31 @@ def test_the_force_converges_by_one_order_more_than_the_stress(order, least, tmp
     rates = np.log2(np.divide(*errors))
     print(f"P{order}: errors {errors}, rates {rates}")
     assert (rates > list(least.values())).all()
+
+
+def test_the_force_on_the_curved_walls_of_a_pipe():
+    """v_x = 1 - r² in a quarter of 0.5 < r < 1, prescribed all around; quadratic elements of curved sides.
+
+    Measured: 0.11, 0.01 and 0.19 % at most; the undivided residual has 8, 17 and 0.5 %.
+    """
+    start()
+    box = "mesh.kind='box'", "mesh.x.cells=[2]", "mesh.y.cells=[4]", "mesh.z={points=[0.5, 1.0], cells=[2]}"
+    sides = "boundary=[{on=['left', 'right', 'bottom', 'top', 'front', 'back'], velocity={x='1 - y**2 - z**2', y=0.0, z=0.0}}]"
+    force = "force=[{name='outer', on='top'}, {name='inner', on='bottom'}, {name='end', on='left'}]"
+    scene = load_scene(POISEUILLE, (*box, sides, force))
+    mesh = serial_mesh(scene)
+    x, turn, r = mesh.points.T
+    mesh = replace(mesh, points=np.column_stack([x, r * np.sin(np.pi / 2 * turn), r * np.cos(np.pi / 2 * turn)]))
+    coupling = build_coupling(scene, distribute(MPI.COMM_SELF, mesh, np.zeros(len(x), dtype=int)), Stopwatch())
+    for step, (time, schemes, rates) in enumerate(steps_to_end(scene), 1):
+        coupling.step(schemes, rates, time, step)
+        coupling.accept()
+    outer, inner, end = np.reshape(Forces(scene, coupling).at(1.0), (3, 3))
+    mu, moment = 3.0, (1 - 0.5**3) / 3  # ∫ y dA = ∫ z dA of the end
+    found = np.array([outer[0], inner[0], end[1], end[2]])
+    errors = found / (mu * np.array([np.pi, -np.pi / 4, -2 * moment, -2 * moment])) - 1
+    print("pipe: errors", errors)
+    assert np.abs(errors).max() < 0.003
 
 
 def kovasznay_shear():
