@@ -9,13 +9,12 @@ from mpi4py import MPI
 from running import SCENES, Job, history, needs_mpirun, run_here, run_on
 from scipy.integrate import trapezoid
 
-from porofsi_petsc import load_scene
+from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.surface_force import FluidForce, State
-from porofsi_petsc.simulation.build import build_coupling, local_mesh, serial_mesh
+from porofsi_petsc.simulation.build import serial_mesh
 from porofsi_petsc.simulation.forces import Forces
 
 POISEUILLE, BAR, FLAP = (str(SCENES / f"{name}.toml") for name in ("poiseuille", "bar", "flap"))
@@ -136,7 +135,7 @@ def test_the_force_on_the_curved_walls_of_a_pipe():
     mesh = serial_mesh(scene)
     x, turn, r = mesh.points.T
     mesh = replace(mesh, points=np.column_stack([x, r * np.sin(np.pi / 2 * turn), r * np.cos(np.pi / 2 * turn)]))
-    coupling = build_coupling(scene, distribute(MPI.COMM_SELF, mesh, np.zeros(len(x), dtype=int)), Stopwatch())
+    coupling = Simulation(scene, mesh=distribute(MPI.COMM_SELF, mesh, np.zeros(len(x), dtype=int))).coupling
     for step, (time, schemes, rates) in enumerate(steps_to_end(scene), 1):
         coupling.step(schemes, rates, time, step)
         coupling.accept()
@@ -161,7 +160,7 @@ def kovasznay_shear():
 
 def test_a_surface_without_a_rim_has_the_sum_over_its_nodes():
     scene = load_scene("schaefer_turek_2d1")
-    coupling = build_coupling(scene, local_mesh(scene, MPI.COMM_SELF), Stopwatch())
+    coupling = Simulation(scene, MPI.COMM_SELF).coupling
     fluid = coupling.fluid
     residual = np.random.default_rng(1).standard_normal(fluid.force.shape)
     state = State(residual, 1.0, fluid.v, fluid.v, fluid.v, fluid.p)

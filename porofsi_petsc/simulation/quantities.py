@@ -1,11 +1,9 @@
 """What the history records: fields at probes and forces on surfaces."""
 
-import numpy as np
-
 from ..config import Scene
 from ..coupling.medium import Medium
+from .forces import Forces
 from .measures import Measures
-from .setups import nodes_of
 from .sides import check_probes, probes_in
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -20,13 +18,11 @@ class Quantities:
         self._mesh = coupling.solid.mesh
         self._in_solid, self._in_fluid = (probes_in(scene, phase.domain) for phase in (coupling.solid, coupling.fluid))
         check_probes(scene, self._in_fluid, coupling.fluid.domain)
-        self._surfaces = [nodes_of(self._mesh, force.on)[: self._mesh.n_owned] for force in scene.force]
+        self._forces = Forces(scene, coupling) if scene.force else None
 
-    def values(self) -> list[float]:
-        """Return the values, one for each column (collective)."""
-        force = self._coupling.fluid.force
-        mine = np.array([force[surface].sum(axis=0) for surface in self._surfaces]).ravel()
-        return self._probe_values() + self._mesh.comm.allreduce(mine).tolist()
+    def values(self, t: float) -> list[float]:
+        """Return the values at the present time t [s], one for each column (collective)."""
+        return self._probe_values() + (self._forces.at(t) if self._forces else [])
 
     def _probe_values(self):
         values = {}

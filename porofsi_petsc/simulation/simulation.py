@@ -63,7 +63,7 @@ class Simulation:
         self.loop = TimeLoop(scene, self.coupling, self.energy, self.measures, self._call_back)
         self.fields = Fields(scene, self.coupling, self.measures)
         self.callbacks: list[Callable[[Simulation], object]] = []
-        self._rows = [(0.0, *self._quantities.values(), 0)]
+        self._rows = [(0.0, *self._quantities.values(0.0), 0)]
         self._ends = False
 
     @classmethod
@@ -121,7 +121,7 @@ class Simulation:
     def _call_back(self):
         clock = self.loop.clock
         if clock.step % self.scene.output.history_every == 0 or clock.finished:
-            self._rows.append((clock.t, *self._quantities.values(), self.loop.iterations[-1]))
+            self._rows.append((clock.t, *self._quantities.values(clock.t), self.loop.iterations[-1]))
         self._ends = any([callback(self) for callback in self.callbacks])  # all of them are called
 
     # -- looking ----------------------------------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ class Simulation:
         text = scene_to_toml(self.scene)
         resume(path, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
         iterations = self.loop.iterations[-1] if self.loop.iterations else 0
-        self._rows = [(self.time, *self._quantities.values(), iterations)]
+        self._rows = [(self.time, *self._quantities.values(self.time), iterations)]
 
     def close(self) -> None:
         """Free what PETSc holds of the solvers; the fields stay."""
