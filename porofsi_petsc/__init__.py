@@ -20,9 +20,18 @@ if TYPE_CHECKING:
     from .config import Scene
 
 __version__ = "0.1.0"
-__all__ = ["Simulation", "__version__", "list_scenes", "load_scene", "read_fields", "read_history", "run"]
+__all__ = [
+    "Simulation",
+    "__version__",
+    "list_scenes",
+    "load_scene",
+    "read_fields",
+    "read_history",
+    "run",
+]
 
-# Where the public names are; imported when they are asked for, so that the command line answers at once.
+# Where the public names are; imported when they are asked for, so that the command line answers at
+# once.
 HOMES = {
     "Simulation": ".simulation.simulation",
     "list_scenes": ".config",
@@ -43,13 +52,15 @@ def run(
     petsc_options: Iterable[str] = (),
     allow_scene_options: bool = False,
 ) -> dict[str, Any]:
-    """Solve a scene and return its summary (the content of summary.json); collective over all ranks.
+    """Solve a scene and return its summary (the content of summary.json); collective over all
+    ranks.
 
-    scene : a `Scene`, or what `load_scene` takes; directory : results, default results/<scene>; restart : a checkpoint file;
-    force : replace existing results; quiet : no progress; max_time : wall time [s] after which a checkpoint is written and the
-    run stops; petsc_options : words that win over the scene's option string; allow_scene_options : that string may also name
-    files and code.
-    Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError.
+    scene : a `Scene`, or what `load_scene` takes; directory : results, default results/<scene>;
+    restart : a checkpoint file;
+    force : replace existing results; quiet : no progress; max_time : wall time [s] after which a
+    checkpoint is written and the run stops; petsc_options : words that win over the scene's option
+    string; allow_scene_options : that string may also name files and code. Raises a PorofsiError:
+    InputError, ConvergenceError, Stopped or ExpectationError.
     """
     from .config import Scene, load_scene
     from .linalg.options import start

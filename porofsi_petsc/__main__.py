@@ -1,4 +1,6 @@
-"""Entry from the console: signals and standard streams from the first moment to the last; the commands are imported meanwhile."""
+"""Entry from the console: signals and standard streams from the first moment to the last; the
+commands are imported meanwhile.
+"""
 
 import os
 import signal
@@ -13,17 +15,23 @@ TIME_OF_RANK_0 = 5.0  # [s] that another rank gives it to end the job after a si
 
 
 def _open_streams():
-    """Give what was started without (>&-) a standard output and error: else the next file opened takes their place."""
+    """Give what was started without (>&-) a standard output and error: else the next file opened
+    takes their place.
+    """
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
-    sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))
+    sys.stdout, sys.stderr = (
+        stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr)
+    )
 
 
 def _close_streams():
-    """Drop what standard output and error do not take (a full disk, a reader that has gone), of which Python would complain."""
+    """Drop what standard output and error do not take (a full disk, a reader that has gone), of
+    which Python would complain.
+    """
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -32,7 +40,9 @@ def _close_streams():
 
 
 def _end(text):
-    """End the whole job after a signal: rank 0 says so at once, another rank when rank 0 has had its time and has not."""
+    """End the whole job after a signal: rank 0 says so at once, another rank when rank 0 has had
+    its time and has not.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     mpi = sys.modules.get("mpi4py.MPI")
     world = mpi.COMM_WORLD if mpi and mpi.Is_initialized() and not mpi.Is_finalized() else None
@@ -59,7 +69,9 @@ def main():
         except Exception as failure:
             if not noted():
                 raise
-            sys.exit(_end(f"{Interrupted(noted())} ({failure})"))  # somebody has made an error of his own of it
+            sys.exit(
+                _end(f"{Interrupted(noted())} ({failure})")
+            )  # somebody has made an error of his own of it
         finally:
             _close_streams()
 

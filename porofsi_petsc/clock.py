@@ -1,8 +1,10 @@
-"""Generalized-alpha in time: the weights of a step, the rates on the new level, the values on the collocation levels.
+"""Generalized-alpha in time: the weights of a step, the rates on the new level, the values on the
+collocation levels.
 
-Both phases share rho_inf and alpha_f (Chung & Hulbert 1993 for second order, Jansen, Whiting & Hulbert 2000 for first order).
-A tangent is written in the increment on the alpha_f level, d(.)_alpha = alpha_f d(.)_{n+1}; the factors `c_v`, `c_a` turn it
-into the increments of the collocated rates.
+Both phases share rho_inf and alpha_f (Chung & Hulbert 1993 for second order, Jansen, Whiting &
+Hulbert 2000 for first order). A tangent is written in the increment on the alpha_f level,
+d(.)_alpha = alpha_f d(.)_{n+1}; the factors `c_v`, `c_a` turn it into the increments of the
+collocated rates.
 """
 
 from dataclasses import dataclass
@@ -10,7 +12,8 @@ from dataclasses import dataclass
 
 def second_order(rho_inf, dt):
     """Return the scheme of y'' (skeleton with inertia)."""
-    alpha_m, alpha_f = (2 - rho_inf) / (1 + rho_inf), 1 / (1 + rho_inf)
+    alpha_m = (2 - rho_inf) / (1 + rho_inf)
+    alpha_f = 1 / (1 + rho_inf)
     gamma = 0.5 + alpha_m - alpha_f
     beta = 0.25 * (1 + alpha_m - alpha_f) ** 2
     return SecondOrder(dt, alpha_m, alpha_f, gamma, beta)
@@ -18,7 +21,8 @@ def second_order(rho_inf, dt):
 
 def first_order(rho_inf, dt):
     """Return the scheme of y' (fluid; skeleton without inertia)."""
-    alpha_m, alpha_f = (3 - rho_inf) / (2 * (1 + rho_inf)), 1 / (1 + rho_inf)
+    alpha_m = (3 - rho_inf) / (2 * (1 + rho_inf))
+    alpha_f = 1 / (1 + rho_inf)
     return FirstOrder(dt, alpha_m, alpha_f, 0.5 + alpha_m - alpha_f)
 
 
@@ -28,7 +32,9 @@ def backward_euler(dt):
 
 
 def implicit_second_order(dt):
-    """Return the scheme of y'' whose balance holds at the end of the step, with y1 = y0 + dt v0 + dt²/2 a1, v1 = v0 + dt a1."""
+    """Return the scheme of y'' whose balance holds at the end of the step, with y1 = y0 + dt v0 +
+    dt²/2 a1, v1 = v0 + dt a1.
+    """
     return SecondOrder(dt, 1.0, 1.0, 1.0, 0.5)
 
 
@@ -39,12 +45,16 @@ def at_end(scheme, age, before, now):
     """
     if age is None:
         return now.copy()
-    return now + (1 - scheme.alpha_f) * scheme.dt / (age + scheme.alpha_f * scheme.dt) * (now - before)
+    return now + (1 - scheme.alpha_f) * scheme.dt / (age + scheme.alpha_f * scheme.dt) * (
+        now - before
+    )
 
 
 @dataclass(frozen=True)
 class Steady:
-    """No rates at all: the balance holds at the end of a step, whose size only counts the steps of a load."""
+    """No rates at all: the balance holds at the end of a step, whose size only counts the steps of
+    a load.
+    """
 
     dt: float
 
@@ -70,7 +80,9 @@ class Steady:
 
 @dataclass(frozen=True)
 class FirstOrder:
-    """y1 = y0 + dt ((1 - gamma) r0 + gamma r1); the balance holds for r at alpha_m and y at alpha_f."""
+    """y1 = y0 + dt ((1 - gamma) r0 + gamma r1); the balance holds for r at alpha_m and y at
+    alpha_f.
+    """
 
     dt: float
     alpha_m: float
@@ -103,7 +115,9 @@ class FirstOrder:
 
 @dataclass(frozen=True)
 class SecondOrder:
-    """Newmark's y1, v1 from a1 with gamma, beta; the balance holds for a at alpha_m, y and v at alpha_f."""
+    """Newmark's y1, v1 from a1 with gamma, beta; the balance holds for a at alpha_m, y and v at
+    alpha_f.
+    """
 
     dt: float
     alpha_m: float

@@ -15,7 +15,8 @@ import click
 from . import __version__
 from .errors import InputError, PorofsiError
 
-AGREEMENT_TIME = 5.0  # [s] that a failing rank waits for the others to fail in the same way before it ends the job
+# [s] that a failing rank waits for the others to fail in the same way before it ends the job
+AGREEMENT_TIME = 5.0
 
 
 class Job:
@@ -46,8 +47,11 @@ class Job:
         return arrived
 
     def agree(self, action):
-        """Return the action's value; raise the first rank's InputError on all ranks when it fails on any."""
-        value, message = None, None
+        """Return the action's value; raise the first rank's InputError on all ranks when it fails
+        on any.
+        """
+        value = None
+        message = None
         try:
             value = action()
         except InputError as error:
@@ -58,7 +62,9 @@ class Job:
         return value
 
     def fail(self, error):
-        """End with the error's exit code; rank 0 speaks for all, a rank alone speaks for itself and ends the job."""
+        """End with the error's exit code; rank 0 speaks for all, a rank alone speaks for itself and
+        ends the job.
+        """
         together = self.comm.size == 1 or self.everyone_fails()
         if self.comm.rank == 0 or not together:
             _complain(f"error: {error}")
@@ -88,13 +94,17 @@ def _complain(text):
 
 
 def _show(text):
-    """Print what a command was asked for; a reader that has gone (| head) ends it quietly, by click."""
+    """Print what a command was asked for; a reader that has gone (| head) ends it quietly, by
+    click.
+    """
     try:
         click.echo(text)
     except BrokenPipeError:
         raise
     except OSError as failure:
-        raise PorofsiError(f"standard output: could not be written ({failure.strerror})") from failure
+        raise PorofsiError(
+            f"standard output: could not be written ({failure.strerror})"
+        ) from failure
 
 
 def _tell(text):
@@ -116,27 +126,54 @@ def _positive(context, parameter, value):
     return value
 
 
-overrides = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one entry, e.g. time.end=0.1.")
-allow = click.option("--allow-scene-options", is_flag=True, help="Let the scene's [petsc] options name files and code too.")
-smoke = click.option("--smoke", is_flag=True, help="Apply the scene's [smoke] changes: a short run.")
+overrides = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change one entry, e.g. time.end=0.1.",
+)
+allow = click.option(
+    "--allow-scene-options",
+    is_flag=True,
+    help="Let the scene's [petsc] options name files and code too.",
+)
+smoke = click.option(
+    "--smoke", is_flag=True, help="Apply the scene's [smoke] changes: a short run."
+)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="porofsi")
 def cli():
-    """Saturated poroelastic dynamics by finite elements; run it under mpirun for more than one core."""
+    """Saturated poroelastic dynamics by finite elements; run it under mpirun for more than one
+    core.
+    """
 
 
 @cli.command()
 @click.argument("scene")
 @click.argument("petsc_options", nargs=-1, type=click.UNPROCESSED, metavar="[-- PETSC OPTIONS]")
-@click.option("--output", type=click.Path(path_type=Path), metavar="DIR", help="Results, default results/SCENE.")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Results, default results/SCENE.",
+)
 @overrides
-@click.option("--restart", type=click.Path(path_type=Path), metavar="FILE", help="Go on from a checkpoint.")
+@click.option(
+    "--restart", type=click.Path(path_type=Path), metavar="FILE", help="Go on from a checkpoint."
+)
 @smoke
 @click.option("--force", is_flag=True, help="Replace existing results.")
 @click.option("--quiet", is_flag=True, help="No progress.")
-@click.option("--max-time", type=float, callback=_positive, metavar="SECONDS", help="Write a checkpoint and stop.")
+@click.option(
+    "--max-time",
+    type=float,
+    callback=_positive,
+    metavar="SECONDS",
+    help="Write a checkpoint and stop.",
+)
 @allow
 @click.pass_context
 def run(context, scene, petsc_options, output, overrides, smoke, **choices):
@@ -145,7 +182,9 @@ def run(context, scene, petsc_options, output, overrides, smoke, **choices):
     from . import run as run_scene
 
     if petsc_options and not petsc_options[0].startswith("-"):
-        raise click.UsageError(f"unexpected argument '{petsc_options[0]}'; PETSc options follow after --")
+        raise click.UsageError(
+            f"unexpected argument '{petsc_options[0]}'; PETSc options follow after --"
+        )
     job = _join(context)
     loaded = job.agree(lambda: load_scene(scene, overrides, smoke))
     run_scene(loaded, output, petsc_options=petsc_options, **choices)
@@ -187,7 +226,13 @@ def list_command():
 @click.argument("cases", nargs=-1, metavar="[CASE]...")
 @click.option("--quick", is_flag=True, help="Only the cases of a few seconds.")
 @click.option("--json", "as_text", is_flag=True, help="Print the checks as JSON.")
-@click.option("--output", type=click.Path(path_type=Path), default=Path("results/verify"), metavar="DIR", help="Results.")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("results/verify"),
+    metavar="DIR",
+    help="Results.",
+)
 @click.pass_context
 def verify(context, cases, quick, as_text, output):
     """Compare with exact solutions.
@@ -206,7 +251,9 @@ def verify(context, cases, quick, as_text, output):
     missed = [check for check in checks if not check.passed]
     if missed:
         first = f"{missed[0].case}, {missed[0].quantity}"
-        raise ExpectationError(f"{len(missed)} of {len(checks)} checks failed, the first: {first}; results in {output}")
+        raise ExpectationError(
+            f"{len(missed)} of {len(checks)} checks failed, the first: {first}; results in {output}"
+        )
 
 
 @cli.command()
@@ -236,10 +283,18 @@ def study():
 
 
 def study_options(name):
-    """Return the decorator with the options of a study: where it writes, a sample of it, all of it anew."""
+    """Return the decorator with the options of a study: where it writes, a sample of it, all of it
+    anew.
+    """
     directory = click.Path(path_type=Path, file_okay=False)
     options = [
-        click.option("--output", type=directory, default=Path("results/studies"), metavar="DIR", help="Default results/studies."),
+        click.option(
+            "--output",
+            type=directory,
+            default=Path("results/studies"),
+            metavar="DIR",
+            help="Default results/studies.",
+        ),
         click.option("--quick", is_flag=True, help="A sample of it, in seconds."),
         click.option("--force", is_flag=True, help="All cases anew, also those in DIR."),
         click.pass_context,
@@ -256,7 +311,9 @@ def study_options(name):
 def _alone(context):
     """Start MPI and refuse more than one rank."""
     if _join(context).comm.size > 1:
-        raise InputError("a study runs on one rank, which its wall times are about: start it without mpirun")
+        raise InputError(
+            "a study runs on one rank, which its wall times are about: start it without mpirun"
+        )
 
 
 @study_options("coupling")
@@ -297,9 +354,23 @@ def _factors(context, parameter, text):
 @study_options("work-precision")
 @click.argument("scene")
 @overrides
-@click.option("--error", type=float, default=1e-2, callback=_positive, help="The wanted one, default 1e-2.")
-@click.option("--cells", default="0.5,1,2", callback=_factors, metavar="LIST", help="Factors on the cells, default 0.5,1,2.")
-@click.option("--steps", default="2,1,0.5", callback=_factors, metavar="LIST", help="Factors on the step, default 2,1,0.5.")
+@click.option(
+    "--error", type=float, default=1e-2, callback=_positive, help="The wanted one, default 1e-2."
+)
+@click.option(
+    "--cells",
+    default="0.5,1,2",
+    callback=_factors,
+    metavar="LIST",
+    help="Factors on the cells, default 0.5,1,2.",
+)
+@click.option(
+    "--steps",
+    default="2,1,0.5",
+    callback=_factors,
+    metavar="LIST",
+    help="Factors on the step, default 2,1,0.5.",
+)
 def study_work_precision(context, scene, overrides, error, cells, steps, output, quick, force):
     """Error of SCENE against wall time.
 
@@ -308,4 +379,12 @@ def study_work_precision(context, scene, overrides, error, cells, steps, output,
     _alone(context)
     from .studies.work_precision import study as make
 
-    make(scene, output, overrides, error, *((cells[:1], steps[:1]) if quick else (cells, steps)), force, _tell)
+    make(
+        scene,
+        output,
+        overrides,
+        error,
+        *((cells[:1], steps[:1]) if quick else (cells, steps)),
+        force,
+        _tell,
+    )

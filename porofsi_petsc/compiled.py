@@ -1,4 +1,6 @@
-"""Element routines compiled by Numba: one source for all elements, whose sizes the compiler knows, kept on disk."""
+"""Element routines compiled by Numba: one source for all elements, whose sizes the compiler knows,
+kept on disk.
+"""
 
 import fcntl
 import hashlib
@@ -16,19 +18,31 @@ from numba.core import cgutils, config
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
-# LLVM may do to floating point what keeps the meaning of NaN and infinity, by which inadmissible states are found.  A division by
-# zero gives infinity.  References to arrays are not counted: the counters cost up to seven times the arithmetic (measured), and a
-# loop allocates nothing but `stack`.
-# Loops over a few unknowns become straight code, which only LLVM's vectorizer of straight code puts into vector registers; Numba
-# leaves it out by default (with it: a tangent of P2 in 0.77 of the time, the other routines in 0.8 to 1).
+# LLVM may do to floating point what keeps the meaning of NaN and infinity, by which inadmissible
+# states are found.  A division by zero gives infinity.  References to arrays are not counted: the
+# counters cost up to seven times the arithmetic (measured), and a loop allocates nothing but
+# `stack`. Loops over a few unknowns become straight code, which only LLVM's vectorizer of straight
+# code puts into vector registers; Numba leaves it out by default (with it: a tangent of P2 in 0.77
+# of the time, the other routines in 0.8 to 1).
 config.SLP_VECTORIZE = 1
-OPTIONS = {"fastmath": {"contract", "reassoc", "arcp", "nsz"}, "error_model": "numpy", "_nrt": False}
+OPTIONS = {
+    "fastmath": {"contract", "reassoc", "arcp", "nsz"},
+    "error_model": "numpy",
+    "_nrt": False,
+}
 
 
 def _source_hash():
-    """Return a hash of the files with compiled routines of a point: Numba itself looks at the file of the outermost loop only."""
+    """Return a hash of the files with compiled routines of a point: Numba itself looks at the file
+    of the outermost loop only.
+    """
     package = Path(__file__).resolve().parent
-    files = [package / "compiled.py", package / "tensors.py", *package.glob("kernels/*.py"), *package.glob("materials/*.py")]
+    files = [
+        package / "compiled.py",
+        package / "tensors.py",
+        *package.glob("kernels/*.py"),
+        *package.glob("materials/*.py"),
+    ]
     sources = [file.read_bytes() for file in sorted(files)]
     return hashlib.sha256(
         b"".join(source for source in sources if b"numba" in source or b"compiled import" in source)
@@ -36,7 +50,9 @@ def _source_hash():
 
 
 def _cache_folder():
-    """Return where machine code is kept: below $NUMBA_CACHE_DIR, else below the user's cache folder."""
+    """Return where machine code is kept: below $NUMBA_CACHE_DIR, else below the user's cache
+    folder.
+    """
     cache_home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return Path(config.CACHE_DIR or cache_home / "porofsi_petsc") / _source_hash()
 
@@ -45,18 +61,23 @@ CACHE_FOLDER = _cache_folder()
 
 
 def inlined(function):
-    """Compile a routine of a point or an element that becomes a part of every `specialized` one that calls it."""
+    """Compile a routine of a point or an element that becomes a part of every `specialized` one
+    that calls it.
+    """
     return numba.njit(function, **OPTIONS, forceinline=True)
 
 
 def expanded(function):
-    """Compile a routine that is written out where it is called; unlike an `inlined` one it may return memory of `stack`."""
+    """Compile a routine that is written out where it is called; unlike an `inlined` one it may
+    return memory of `stack`.
+    """
     return numba.njit(function, **OPTIONS, inline="always")
 
 
 @intrinsic(prefer_literal=True)
 def stack(typing, shape):
-    """Return an array of a shape that the compiler knows, on the stack of the loop that calls it: it overlaps with no other one.
+    """Return an array of a shape that the compiler knows, on the stack of the loop that calls it:
+    it overlaps with no other one.
 
     The compiler may therefore keep its entries in registers.  They are not set.
     """
@@ -81,11 +102,13 @@ def stack(typing, shape):
 
 
 def specialized(make):
-    """Return a function (*sizes) -> compiled loop, from one (*sizes) -> loop over elements, made and kept for every set of sizes.
+    """Return a function (*sizes) -> compiled loop, from one (*sizes) -> loop over elements, made
+    and kept for every set of sizes.
 
-    Machine code is read from disk or compiled and written at the first call.  Every set has files of its own, which Numba
-    replaces atomically; of the ranks on a machine one compiles while the others wait to read.  Damaged files are replaced.  Where
-    nothing can be written, every process compiles for itself.
+    Machine code is read from disk or compiled and written at the first call.  Every set has files
+    of its own, which Numba replaces atomically; of the ranks on a machine one compiles while the
+    others wait to read.  Damaged files are replaced.  Where nothing can be written, every process
+    compiles for itself.
     """
 
     @cache
@@ -102,7 +125,8 @@ class _Loop:
     """A compiled loop whose first call is the only one of its kind on this machine at that time."""
 
     def __init__(self, loop):
-        self.compiled, self._ready = numba.njit(loop, **OPTIONS), False
+        self.compiled = numba.njit(loop, **OPTIONS)
+        self._ready = False
 
     def __call__(self, *arguments):
         if not self._ready:
@@ -114,14 +138,17 @@ class _Loop:
         loop = self.compiled.py_func
         with _alone(CACHE_FOLDER / f"{loop.__qualname__}.lock"):
             for attempt in (_read_or_compile, _compile_anew) if _can_write() else ():
-                with suppress(OSError, EOFError, pickle.UnpicklingError):  # a damaged file; a full disk, where nothing is kept
+                with suppress(
+                    OSError, EOFError, pickle.UnpicklingError
+                ):  # a damaged file; a full disk, where nothing is kept
                     self.compiled = attempt(loop, signature)
                     break
         self._ready = True
 
 
 def _read_or_compile(loop, signature):
-    users, config.CACHE_DIR = config.CACHE_DIR, str(CACHE_FOLDER)
+    users = config.CACHE_DIR
+    config.CACHE_DIR = str(CACHE_FOLDER)
     try:
         compiled = numba.njit(loop, **OPTIONS, cache=True)
         compiled.compile(signature)
@@ -138,7 +165,9 @@ def _compile_anew(loop, signature):
 
 @cache
 def _can_write():
-    """Return whether machine code can be kept; Numba would go on to a place where it may find that of another version."""
+    """Return whether machine code can be kept; Numba would go on to a place where it may find that
+    of another version.
+    """
     try:
         CACHE_FOLDER.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -147,7 +176,9 @@ def _can_write():
 
 
 def compilation_notice():
-    """Return a sentence about the time that compilation will take, an empty one where there is machine code already."""
+    """Return a sentence about the time that compilation will take, an empty one where there is
+    machine code already.
+    """
     text = "the element routines are compiled first, up to a minute"
     if not _can_write():
         return f"{text}; {CACHE_FOLDER} cannot be written to keep them, set NUMBA_CACHE_DIR"
@@ -156,7 +187,9 @@ def compilation_notice():
 
 @contextmanager
 def _alone(lock):
-    """Hold a file's lock, which the system takes back from a process that dies; nothing where there can be no such file."""
+    """Hold a file's lock, which the system takes back from a process that dies; nothing where there
+    can be no such file.
+    """
     if not _can_write():
         yield
         return
@@ -169,7 +202,9 @@ def _alone(lock):
 
 
 def plain(array):
-    """Return an array as the loops want it, so that each is compiled for one type: float64, contiguous, writeable."""
+    """Return an array as the loops want it, so that each is compiled for one type: float64,
+    contiguous, writeable.
+    """
     flags = array.flags
     if array.dtype == np.float64 and flags.c_contiguous and flags.writeable:
         return array

@@ -1,4 +1,6 @@
-"""Typed errors, each mapped to one exit code of the command line, and how their sentences show what was received."""
+"""Typed errors, each mapped to one exit code of the command line, and how their sentences show what
+was received.
+"""
 
 import reprlib
 
@@ -8,15 +10,22 @@ LONGEST_LIST = 240  # characters of what there is to choose from
 
 
 class _Short(reprlib.Repr):
-    """Values as Python writes them, long ones without their middle, deep ones without their depth."""
+    """Values as Python writes them, long ones without their middle, deep ones without their
+    depth.
+    """
 
     def __init__(self):
         super().__init__()
-        self.maxlevel, self.maxother, self.maxlong, self.maxstring = 3, WIDTH, WIDTH, WIDTH
+        self.maxlevel = 3
+        self.maxother = WIDTH
+        self.maxlong = WIDTH
+        self.maxstring = WIDTH
         self.maxlist = self.maxtuple = self.maxdict = 8
 
     def repr_int(self, x, level):
-        """Return the digits of a whole number, or how many it has where Python refuses to write them."""
+        """Return the digits of a whole number, or how many it has where Python refuses to write
+        them.
+        """
         try:
             return super().repr_int(x, level)
         except ValueError:
@@ -30,7 +39,9 @@ def shown(value):
 
 
 def listed(names):
-    """Return names with commas between them, only the first ones where all would not fit into a sentence."""
+    """Return names with commas between them, only the first ones where all would not fit into a
+    sentence.
+    """
     text = ", ".join(names)
     if len(text) <= LONGEST_LIST:
         return text
@@ -45,7 +56,9 @@ def digits(number):
 
 
 class PorofsiError(Exception):
-    """Root of all errors that the package raises on purpose; the message is one sentence for the user."""
+    """Root of all errors that the package raises on purpose; the message is one sentence for the
+    user.
+    """
 
     exit_code = 1
 
@@ -57,22 +70,31 @@ class InputError(PorofsiError):
 
 
 class IncompatibleData(InputError):
-    """Boundary data for which the equations have no solution, found at any time; raised on all ranks together."""
+    """Boundary data for which the equations have no solution, found at any time; raised on all
+    ranks together.
+    """
 
 
 class LimitError(InputError):
-    """A term that the scene leaves out has passed its bound; raised on all ranks together, after an accepted step."""
+    """A term that the scene leaves out has passed its bound; raised on all ranks together, after an
+    accepted step.
+    """
 
 
 class ConvergenceError(PorofsiError):
-    """An iteration reached its cap, a linear solver failed or a trial state is inadmissible; raised on all ranks together."""
+    """An iteration reached its cap, a linear solver failed or a trial state is inadmissible; raised
+    on all ranks together.
+    """
 
     exit_code = 3
 
     def __init__(self, what, advice=""):
-        """Take what happened and what to try, where there is something: the message is "what; advice"."""
+        """Take what happened and what to try, where there is something: the message is "what;
+        advice".
+        """
         super().__init__(f"{what}; {advice}" if advice else what)
-        self.what, self.advice = what, advice
+        self.what = what
+        self.advice = advice
 
 
 class Stopped(PorofsiError):

@@ -8,10 +8,11 @@ logger = logging.getLogger("porofsi_petsc")
 
 
 def start_log(directory, rank, quiet=False):
-    """Send INFO to standard output (with quiet only warnings) and, with times, to `directory`/run.log, which is appended to.
+    """Send INFO to standard output (with quiet only warnings) and, with times, to
+    `directory`/run.log, which is appended to.
 
-    directory : existing folder, or None for the terminal alone; rank : rank in the run's communicator.
-    A second call replaces the first.
+    directory : existing folder, or None for the terminal alone; rank : rank in the run's
+    communicator. A second call replaces the first.
     """
     stop_log()
     logger.propagate = False
@@ -29,7 +30,9 @@ def start_log(directory, rank, quiet=False):
 
 
 def _quiet_failure(handler):
-    """Let a handler drop lines that cannot be written (a full disk, a reader that has gone) instead of printing tracebacks."""
+    """Let a handler drop lines that cannot be written (a full disk, a reader that has gone) instead
+    of printing tracebacks.
+    """
     handler.handleError = lambda record: None
     return handler
 

@@ -1,4 +1,6 @@
-"""Signals that ask for the end: an exception where nothing is under way, a note where a run can still write its state."""
+"""Signals that ask for the end: an exception where nothing is under way, a note where a run can
+still write its state.
+"""
 
 import signal
 import threading
@@ -14,7 +16,9 @@ _noted = 0
 
 
 class Interrupted(BaseException):
-    """A signal ends the program here and now; no Exception, so that nobody takes it for a failure of what was under way."""
+    """A signal ends the program here and now; no Exception, so that nobody takes it for a failure
+    of what was under way.
+    """
 
     def __init__(self, number: int):
         super().__init__(f"stopped by signal {signal.Signals(number).name}")
@@ -29,12 +33,15 @@ def note(number: int, frame: FrameType | None) -> None:
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
-    """End the program at the first signal and at every SIGINT (a handler); what else follows, mpirun's SIGTERM, is no news.
+    """End the program at the first signal and at every SIGINT (a handler); what else follows,
+    mpirun's SIGTERM, is no news.
 
-    An import is finished first: interrupted in one, Python forgets a library that has started (MPI), and some make errors of it.
+    An import is finished first: interrupted in one, Python forgets a library that has started
+    (MPI), and some make errors of it.
     """
     global _noted
-    first, _noted = not _noted, _noted or number
+    first = not _noted
+    _noted = _noted or number
     if first and _importing(frame):
         signal.signal(signal.SIGALRM, _retry)
         signal.setitimer(signal.ITIMER_REAL, PAUSE, PAUSE)
@@ -73,7 +80,8 @@ def forget() -> None:
 def answered_by(handler: Callable) -> Iterator[None]:
     """Let a handler, `note` or `interrupt`, answer the ENDING signals meanwhile.
 
-    One that is ignored (nohup, a job in the background) stays so; a thread that is not the main one may not say.
+    One that is ignored (nohup, a job in the background) stays so; a thread that is not the main one
+    may not say.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -87,7 +95,9 @@ def answered_by(handler: Callable) -> Iterator[None]:
 
 @contextmanager
 def restored(numbers: Iterable[int]) -> Iterator[None]:
-    """Give the signals the handlers of before at the end, whatever (a library that starts) has set meanwhile."""
+    """Give the signals the handlers of before at the end, whatever (a library that starts) has set
+    meanwhile.
+    """
     before = {number: signal.getsignal(number) for number in numbers}
     try:
         yield

@@ -1,4 +1,6 @@
-"""Determinant, inverse and identity of batches of 2x2 and 3x3 tensors, (..., d, d), written out for speed."""
+"""Determinant, inverse and identity of batches of 2x2 and 3x3 tensors, (..., d, d), written out for
+speed.
+"""
 
 import numpy as np
 
@@ -10,7 +12,10 @@ def _cofactor(d, F, i, j):
     """Return d det F / d F_ij of a tensor (d, d)."""
     if d == 2:
         return F[1 - i, 1 - j] if i == j else -F[1 - i, 1 - j]
-    k, m, n, r = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+    k = (i + 1) % 3
+    m = (i + 2) % 3
+    n = (j + 1) % 3
+    r = (j + 2) % 3
     return F[k, n] * F[m, r] - F[k, r] * F[m, n]
 
 
@@ -35,8 +40,11 @@ def invert(d, F, inverse):
 
 @inlined
 def determinant_minus_one(d, H):
-    """Return det(I + H) - 1 of a tensor (d, d): tr H + second invariant (+ det H in 3-D), which keeps the digits of a small H."""
-    trace, second = 0.0, 0.0
+    """Return det(I + H) - 1 of a tensor (d, d): tr H + second invariant (+ det H in 3-D), which
+    keeps the digits of a small H.
+    """
+    trace = 0.0
+    second = 0.0
     for i in range(d):
         trace += H[i, i]
         for j in range(i):
@@ -73,27 +81,35 @@ def _inverse_loop(d):
 
 def det(F):
     """Return det F, (...)."""
-    tensors, result = stacked(F), np.empty(F.shape[:-2])
+    tensors = stacked(F)
+    result = np.empty(F.shape[:-2])
     _det_loop(F.shape[-1])(tensors, result.reshape(-1))
     return result
 
 
 def det_minus_one(H):
-    """Return det(I + H) - 1 from the invariants of H, without the loss of digits at small H, (...)."""
-    tensors, result = stacked(H), np.empty(H.shape[:-2])
+    """Return det(I + H) - 1 from the invariants of H, without the loss of digits at small H,
+    (...).
+    """
+    tensors = stacked(H)
+    result = np.empty(H.shape[:-2])
     _det_minus_one_loop(H.shape[-1])(tensors, result.reshape(-1))
     return result
 
 
 def inverse(F):
     """Return F^-1 and det F; the caller checks the sign of the determinant."""
-    tensors, result, determinant = stacked(F), np.empty(F.shape), np.empty(F.shape[:-2])
+    tensors = stacked(F)
+    result = np.empty(F.shape)
+    determinant = np.empty(F.shape[:-2])
     _inverse_loop(F.shape[-1])(tensors, stacked(result), determinant.reshape(-1))
     return result, determinant
 
 
 def stacked(F):
-    """Return tensors or anything else of a point, (..., d, d), as (n, d, d) for a compiled loop; a view of a contiguous array."""
+    """Return tensors or anything else of a point, (..., d, d), as (n, d, d) for a compiled loop; a
+    view of a contiguous array.
+    """
     return plain(F).reshape(-1, *F.shape[-2:])
 
 

@@ -1,4 +1,6 @@
-"""The cases of `bench_assembly` as forms of dolfinx 0.5, compiled with -O3 -march=native -ffast-math."""
+"""The cases of `bench_assembly` as forms of dolfinx 0.5, compiled with -O3 -march=native
+-ffast-math.
+"""
 
 import logging
 import tempfile
@@ -13,7 +15,10 @@ from mpi4py import MPI
 
 logging.disable(logging.INFO)
 NAME = f"dolfinx {dolfinx.__version__}"
-JIT = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"], "cache_dir": tempfile.mkdtemp(prefix="ffcx_")}
+JIT = {
+    "cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"],
+    "cache_dir": tempfile.mkdtemp(prefix="ffcx_"),
+}
 LOOP = """
 #include <string.h>
 #include <stdint.h>
@@ -37,8 +42,11 @@ class Forms:
         """Compile the forms and make vector and matrix."""
         space = unknown.function_space
         self._F = fem.form(residual, jit_params=JIT)
-        self._J = fem.form(ufl.derivative(residual, unknown, ufl.TrialFunction(space)), jit_params=JIT)
-        self._A, self._b = petsc.create_matrix(self._J), petsc.create_vector(self._F)
+        self._J = fem.form(
+            ufl.derivative(residual, unknown, ufl.TrialFunction(space)), jit_params=JIT
+        )
+        self._A = petsc.create_matrix(self._J)
+        self._b = petsc.create_vector(self._F)
         self.tabulate = self._kernel_loop(space)
 
     def assemble(self):
@@ -55,25 +63,44 @@ class Forms:
         return self._b.norm(), self._A.norm(2)
 
     def _kernel_loop(self, space):
-        """Return a job that runs the tangent's kernel alone, on coefficients and coordinates that are packed already."""
+        """Return a job that runs the tangent's kernel alone, on coefficients and coordinates that
+        are packed already.
+        """
         ffi = cffi.FFI()
-        ffi.cdef("double loop(uintptr_t, int, int, const double *, int, const double *, const double *, int);")
+        ffi.cdef(
+            "double loop(uintptr_t, int, int, const double *, int, const double *, const double *,"
+            " int);"
+        )
         folder = tempfile.mkdtemp(prefix="loop_")
         source = cffi.FFI()
-        source.cdef("double loop(uintptr_t, int, int, const double *, int, const double *, const double *, int);")
+        source.cdef(
+            "double loop(uintptr_t, int, int, const double *, int, const double *, const double *,"
+            " int);"
+        )
         source.set_source("_loop", LOOP, extra_compile_args=["-O3", "-march=native"])
         library = ffi.dlopen(source.compile(tmpdir=folder))
         integral = self._J.ufcx_form.integrals(0)[0]
         pointer = int(cffi.FFI().cast("uintptr_t", integral.tabulate_tensor_float64))
         cells = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
-        w = np.ascontiguousarray(dolfinx.cpp.fem.pack_coefficients(self._J)[(fem.IntegralType.cell, -1)])
+        w = np.ascontiguousarray(
+            dolfinx.cpp.fem.pack_coefficients(self._J)[(fem.IntegralType.cell, -1)]
+        )
         c = np.ascontiguousarray(dolfinx.cpp.fem.pack_constants(self._J))
         c = c if len(c) else np.zeros(1)
-        x = np.ascontiguousarray(space.mesh.geometry.x[space.mesh.geometry.dofmap.array.reshape(cells, -1)].reshape(cells, -1))
+        x = np.ascontiguousarray(
+            space.mesh.geometry.x[space.mesh.geometry.dofmap.array.reshape(cells, -1)].reshape(
+                cells, -1
+            )
+        )
         size = (space.dofmap.dof_layout.num_dofs * space.dofmap.bs) ** 2
         pointers = [ffi.cast("const double *", array.ctypes.data) for array in (w, c, x)]
         keep = w, c, x, library
-        return lambda: keep and library.loop(pointer, cells, size, pointers[0], w.shape[1], pointers[1], pointers[2], x.shape[1])
+        return lambda: (
+            keep
+            and library.loop(
+                pointer, cells, size, pointers[0], w.shape[1], pointers[1], pointers[2], x.shape[1]
+            )
+        )
 
 
 def same_mesh(domain):
@@ -83,20 +110,27 @@ def same_mesh(domain):
     used, compact = np.unique(cells, return_inverse=True)
     cell = ufl.Cell({2: "triangle", 3: "tetrahedron"}[d])
     shape = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1))
-    return dolfinx.mesh.create_mesh(MPI.COMM_SELF, compact.reshape(cells.shape).astype(np.int64), domain.mesh.X[used], shape)
+    return dolfinx.mesh.create_mesh(
+        MPI.COMM_SELF, compact.reshape(cells.shape).astype(np.int64), domain.mesh.X[used], shape
+    )
 
 
 def case(kind, ours, problem):
-    """Return the `Forms` of a case of `bench_assembly`: its class, the object and the module with data and states."""
+    """Return the `Forms` of a case of `bench_assembly`: its class, the object and the module with
+    data and states.
+    """
     return {"NeoHookean": _neo_hookean, "Flow": _flow}[kind](ours.domain, problem)
 
 
 def _neo_hookean(domain, problem):
-    mesh, d, order = same_mesh(domain), domain.dim, domain.element.order
+    mesh = same_mesh(domain)
+    d = domain.dim
+    order = domain.element.order
     V = fem.VectorFunctionSpace(mesh, ("CG", order))
     u = fem.Function(V)
     u.interpolate(lambda x: problem.displacement(x[:d]))
-    mu, lam = fem.Constant(mesh, problem.MU), fem.Constant(mesh, problem.LAM)
+    mu = fem.Constant(mesh, problem.MU)
+    lam = fem.Constant(mesh, problem.LAM)
     F = ufl.Identity(d) + ufl.grad(u)
     turned = ufl.inv(F).T
     P = mu * (F - turned) + lam * ufl.ln(ufl.det(F)) * turned
@@ -105,19 +139,29 @@ def _neo_hookean(domain, problem):
 
 
 def _flow(domain, problem):
-    mesh, d = same_mesh(domain), domain.dim
+    mesh = same_mesh(domain)
+    d = domain.dim
     V = fem.VectorFunctionSpace(mesh, ("CG", 1), dim=d + 1)
-    U, U0 = fem.Function(V), fem.Function(V)
+    U = fem.Function(V)
+    U0 = fem.Function(V)
     U.interpolate(lambda x: np.vstack([problem.velocity(x[:d]), problem.pressure(x[:d])[None]]))
     U0.interpolate(lambda x: np.vstack([problem.velocity_before(x[:d]), 0 * x[:1]]))
     (v, p), (v0, _), (w, q) = (_split(X, d) for X in (U, U0, ufl.TestFunction(V)))
     data = problem.RHO, problem.VISCOSITY, problem.PERMEABILITY, problem.DT
     rho, mu, K, dt = (fem.Constant(mesh, value) for value in data)
-    h, nu = 2 * ufl.Circumradius(mesh), mu / rho
-    tau = 1 / ufl.sqrt((2 / dt) ** 2 + 4 * ufl.dot(v0, v0) / h**2 + (4 * nu / h**2) ** 2 + (nu / K) ** 2)
+    h = 2 * ufl.Circumradius(mesh)
+    nu = mu / rho
+    tau = 1 / ufl.sqrt(
+        (2 / dt) ** 2 + 4 * ufl.dot(v0, v0) / h**2 + (4 * nu / h**2) ** 2 + (nu / K) ** 2
+    )
     inertia = rho * (v - v0) / dt + rho * ufl.dot(ufl.grad(v), v)
-    strong, dx = inertia + ufl.grad(p) + mu / K * v, ufl.dx(metadata={"quadrature_degree": 2})
-    galerkin = ufl.inner(inertia + mu / K * v, w) + 2 * mu * ufl.inner(ufl.sym(ufl.grad(v)), ufl.grad(w)) - p * ufl.div(w)
+    strong = inertia + ufl.grad(p) + mu / K * v
+    dx = ufl.dx(metadata={"quadrature_degree": 2})
+    galerkin = (
+        ufl.inner(inertia + mu / K * v, w)
+        + 2 * mu * ufl.inner(ufl.sym(ufl.grad(v)), ufl.grad(w))
+        - p * ufl.div(w)
+    )
     stabilized = tau * ufl.inner(ufl.dot(ufl.grad(w), v) + ufl.grad(q) / rho, strong)
     return Forms((galerkin + q * ufl.div(v) + stabilized) * dx, U)
 

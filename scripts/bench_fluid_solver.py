@@ -1,11 +1,13 @@
-"""Iterations of the free fluid's FGMRES in a channel with an obstacle: steps, Reynolds numbers, elements, three meshes.
+"""Iterations of the free fluid's FGMRES in a channel with an obstacle: steps, Reynolds numbers,
+elements, three meshes.
 
 usage: bench_fluid_solver.py [T3 T6 T4 T10]        (mpirun -n N python … for several ranks)
 
-The channel is 1 high and 3 long, flow 1 at most, density 1; the obstacle, a stiff solid, stands on its floor.  Transient: first
-step from the inflow profile everywhere but on the obstacle, Courant number U Δt/h and diffusion number ν Δt/h²,
-h the node spacing.  Steady: by the
-Reynolds number U H/ν.  A Newton iteration each until 1e-6; numbers are FGMRES iterations, mean/largest, of solves to 1e-5.
+The channel is 1 high and 3 long, flow 1 at most, density 1; the obstacle, a stiff solid, stands on
+its floor.  Transient: first step from the inflow profile everywhere but on the obstacle, Courant
+number U Δt/h and diffusion number ν Δt/h², h the node spacing.  Steady: by the Reynolds number U
+H/ν.  A Newton iteration each until 1e-6; numbers are FGMRES iterations, mean/largest, of solves to
+1e-5.
 """
 
 import sys
@@ -20,12 +22,15 @@ ELEMENTS = {"T3": (2, 1), "T6": (2, 2), "T4": (3, 1), "T10": (3, 2)}
 MESHES = {"T3": (16, 32, 64), "T6": (8, 16, 32), "T4": (4, 8, 12), "T10": (2, 4, 6)}
 TRANSIENT = ((0.5, 0.1), (0.5, 10.0), (5.0, 1.0), (5.0, 100.0), (50.0, 10.0), (50.0, 100.0))
 STEADY = (1.0, 20.0, 200.0)
-OBSTACLE_SOLVER = "-solid_ksp_type preonly -solid_pc_type cholesky -solid_pc_factor_mat_solver_type mumps"
+OBSTACLE_SOLVER = (
+    "-solid_ksp_type preonly -solid_pc_type cholesky -solid_pc_factor_mat_solver_type mumps"
+)
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A case: element, n cells along the height; transient by courant and diffusion, or steady by reynolds.
+    """A case: element, n cells along the height; transient by courant and diffusion, or steady by
+    reynolds.
 
     coupling : keys of [coupling] beside tolerance and tangent; steps : of a transient case
     """
@@ -48,18 +53,31 @@ class Channel:
         viscosity = 1 / self.reynolds if steady else self.diffusion * h**2 / step
         coupling = dict(self.coupling)
         speed = "4*y*(1 - y)" + ("*(1 - z**2)" if dim == 3 else "")
-        obstacle = "(x > 0.999) & (x < 1.501) & (y < 0.501)" + (" & (z < 0.501)" if dim == 3 else "")
+        obstacle = "(x > 0.999) & (x < 1.501) & (y < 0.501)" + (
+            " & (z < 0.501)" if dim == 3 else ""
+        )
         profile = self._vector(x=speed)
         return {
             "title": "channel with an obstacle",
             "mesh": self._mesh(),
-            "model": {"convection": True, "viscosity": True, "moving_mesh": coupling["scheme"] != "one_way"}
-            | dict.fromkeys(("solid_inertia", "fluid_inertia"), not steady),
-            "time": {"step": step, "end": self.steps * step} | ({"scheme": "steady"} if steady else {}),
+            "model": (
+                {
+                    "convection": True,
+                    "viscosity": True,
+                    "moving_mesh": coupling["scheme"] != "one_way",
+                }
+                | dict.fromkeys(("solid_inertia", "fluid_inertia"), not steady)
+            ),
+            "time": (
+                {"step": step, "end": self.steps * step} | ({"scheme": "steady"} if steady else {})
+            ),
             "initial": {"fluid_velocity": self._vector(x=f"where({obstacle}, 0, {speed})")},
             "material": [
                 {"region": "body", "fluid": {"density": 1.0, "viscosity": viscosity}},
-                {"region": "obstacle", "solid": {"law": "neo_hookean", "young": 1e4, "poisson": 0.3, "density": 10.0}},
+                {
+                    "region": "obstacle",
+                    "solid": {"law": "neo_hookean", "young": 1e4, "poisson": 0.3, "density": 10.0},
+                },
             ],
             "boundary": self._boundary(profile),
             "coupling": {"tolerance": self.tolerance, "tangent": "newton", **coupling},
@@ -70,26 +88,47 @@ class Channel:
 
     def _mesh(self):
         dim, order = ELEMENTS[self.element]
-        n, half = self.n, [0.0, 0.5, 1.0]
+        n = self.n
+        half = [0.0, 0.5, 1.0]
         side = {"points": half, "cells": [n // 2, n - n // 2]}
         along = {"points": [0.0, 1.0, 1.5, 3.0], "cells": [n, n // 2, n + n // 2]}
         obstacle = {"name": "obstacle", "x": [1.0, 1.5], "y": half[:2]}
         if dim == 2:
-            return {"kind": "rectangle", "order": order, "x": along, "y": side, "diagonal": "alternating", "regions": [obstacle]}
-        return {"kind": "box", "order": order, "x": along, "y": side, "z": side, "regions": [obstacle | {"z": half[:2]}]}
+            return {
+                "kind": "rectangle",
+                "order": order,
+                "x": along,
+                "y": side,
+                "diagonal": "alternating",
+                "regions": [obstacle],
+            }
+        return {
+            "kind": "box",
+            "order": order,
+            "x": along,
+            "y": side,
+            "z": side,
+            "regions": [obstacle | {"z": half[:2]}],
+        }
 
     def _boundary(self, profile):
-        """Return walls and inflow; in 3-D z = 0 is the floor, a plane of symmetry that holds the obstacle."""
-        walls, rest = ["bottom", "top"], self._vector()
+        """Return walls and inflow; in 3-D z = 0 is the floor, a plane of symmetry that holds the
+        obstacle.
+        """
+        walls = ["bottom", "top"]
+        rest = self._vector()
         held = {"velocity": rest, "displacement": rest}
         floor = []
         if ELEMENTS[self.element][0] == 3:
-            walls, floor = ["top", "front", "back"], [{"on": "bottom", "velocity": {"z": 0.0}, "displacement": rest}]
+            walls = ["top", "front", "back"]
+            floor = [{"on": "bottom", "velocity": {"z": 0.0}, "displacement": rest}]
         return [{"on": "left", "velocity": profile}, {"on": walls} | held, *floor, {"on": "right"}]
 
 
 def solve(case, direct=False, petsc=OBSTACLE_SOLVER):
-    """Advance a case; return its coupling, with its solver still alive; direct : the default solvers are factorizations."""
+    """Advance a case; return its coupling, with its solver still alive; direct : the default
+    solvers are factorizations.
+    """
     options.start(petsc)
     from mpi4py import MPI
 
@@ -101,7 +140,8 @@ def solve(case, direct=False, petsc=OBSTACLE_SOLVER):
     scene = Scene.model_validate(case.tables())
     with mock.patch.object(interface, "is_direct", lambda mesh: direct):
         coupling = Simulation(scene, MPI.COMM_WORLD).coupling
-    clock, dt = Clock(scene.time), scene.time.step
+    clock = Clock(scene.time)
+    dt = scene.time.step
     for step in range(case.steps):
         schemes, rates = clock.schemes(scene.model, dt)
         coupling.step(schemes, rates, step * dt, step + 1)
@@ -110,9 +150,12 @@ def solve(case, direct=False, petsc=OBSTACLE_SOLVER):
 
 
 def count(case):
-    """Return the nodes of the fluid, and mean and largest number of iterations of a solve (collective)."""
+    """Return the nodes of the fluid, and mean and largest number of iterations of a solve
+    (collective).
+    """
     fluid = solve(case).fluid
-    iterations, nodes = fluid.solver.iterations, fluid.domain.n_nodes
+    iterations = fluid.solver.iterations
+    nodes = fluid.domain.n_nodes
     fluid.solver.destroy()
     return nodes, float(np.mean(iterations)), max(iterations)
 
@@ -121,7 +164,10 @@ def line(element, label, **flow):
     """Return a line of the table: iterations on the three meshes (collective)."""
     counts = [count(Channel(element, n, **flow)) for n in MESHES[element]]
     cells = [f"{mean:.0f}/{most}" for _, mean, most in counts]
-    return f"| {element} | {', '.join(str(nodes) for nodes, _, _ in counts)} | {label} | {' | '.join(cells)} |"
+    return (
+        f"| {element} | {', '.join(str(nodes) for nodes, _, _ in counts)} | {label} |"
+        f" {' | '.join(cells)} |"
+    )
 
 
 def main(elements):

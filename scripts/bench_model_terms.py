@@ -1,6 +1,7 @@
 """Measure what leaving out a term of the model saves and write docs/model_terms.md.
 
-python scripts/bench_model_terms.py              some minutes: every case runs once, one after the other, on one core
+python scripts/bench_model_terms.py              some minutes: every case runs once, one after the
+other, on one core
 """
 
 import tempfile
@@ -11,7 +12,12 @@ from porofsi_petsc.config.sections import Limits
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "model_terms.md"
 QUIET = ("output={}", "figures={}", "expect=[]")
-EVERYTHING = ("model.convection=true", "model.viscosity=true", "model.porosity=variable", "material.0.fluid.viscosity=1e-3")
+EVERYTHING = (
+    "model.convection=true",
+    "model.viscosity=true",
+    "model.porosity=variable",
+    "material.0.fluid.viscosity=1e-3",
+)
 LIMITS = tuple(f"limits.{name}=report" for name in Limits.model_fields)
 SCENES = {
     "pulse2d": ("mesh.x.cells=[12, 2, 12]", "mesh.y.cells=[10]", "time.end=0.03"),
@@ -19,7 +25,12 @@ SCENES = {
 }
 FIXED = ("model.moving_mesh=false", "model.porosity=constant")
 QUASI_STATIC = ("model.solid_inertia=false", "model.fluid_inertia=false")
-LINEAR = (*FIXED, "model.convection=false", "model.viscosity=false", "material.0.solid.law=linear_elastic")
+LINEAR = (
+    *FIXED,
+    "model.convection=false",
+    "model.viscosity=false",
+    "material.0.solid.law=linear_elastic",
+)
 CASES = {
     "nothing": (),
     "convection": ("model.convection=false",),
@@ -28,7 +39,11 @@ CASES = {
     "moving mesh, with it variable porosity": FIXED,
     "inertia of the fluid": ("model.fluid_inertia=false",),
     "inertia of both": QUASI_STATIC,
-    "convection, viscosity, moving mesh": (*FIXED, "model.convection=false", "model.viscosity=false"),
+    "convection, viscosity, moving mesh": (
+        *FIXED,
+        "model.convection=false",
+        "model.viscosity=false",
+    ),
     "these and large strain: a linear problem": LINEAR,
     "all of it": (*LINEAR, *QUASI_STATIC),
 }
@@ -38,11 +53,13 @@ Written by `scripts/bench_model_terms.py` (do not edit by hand):
 
     python scripts/bench_model_terms.py
 
-One run per row on one core of a machine that others used at the same time: wall time per step without set-up and output, and
-its ratio to the first row, where every term is solved: inertia of both phases, convection, viscosity, moving mesh, porosity
-n_s0/J, neo-Hookean skeleton. What is left out is measured in every step; the times contain that. Sweeps: coupling iterations
-per step. Matrices: assembled for both phases in the run. Differences of a tenth are the noise of the machine. The tangents are
-kept over steps here, so that a term costs its residual; without any inertia the coupling takes more sweeps.
+One run per row on one core of a machine that others used at the same time: wall time per step
+without set-up and output, and its ratio to the first row, where every term is solved: inertia of
+both phases, convection, viscosity, moving mesh, porosity n_s0/J, neo-Hookean skeleton. What is left
+out is measured in every step; the times contain that. Sweeps: coupling iterations per step.
+Matrices: assembled for both phases in the run. Differences of a tenth are the noise of the machine.
+The tangents are kept over steps here, so that a term costs its residual; without any inertia the
+coupling takes more sweeps.
 """
 TABLE = """
 ## {scene}: {elements} elements, {nodes} nodes, {steps} steps
@@ -55,7 +72,12 @@ TABLE = """
 def measure(scene, overrides):
     """Return the summary of a run that leaves nothing behind."""
     with tempfile.TemporaryDirectory() as folder:
-        return run(load_scene(scene, (*SCENES[scene], *QUIET, *EVERYTHING, *LIMITS, *overrides)), folder, quiet=True, force=True)
+        return run(
+            load_scene(scene, (*SCENES[scene], *QUIET, *EVERYTHING, *LIMITS, *overrides)),
+            folder,
+            quiet=True,
+            force=True,
+        )
 
 
 def seconds_per_step(summary):
@@ -70,10 +92,16 @@ def table(scene):
     first = summaries["nothing"]
     rows = []
     for name, summary in summaries.items():
-        time, matrices = seconds_per_step(summary), summary["assemblies"]["fluid"] + summary["assemblies"]["solid"]
+        time = seconds_per_step(summary)
+        matrices = summary["assemblies"]["fluid"] + summary["assemblies"]["solid"]
         sweeps = summary["coupling_iterations"]["mean"]
-        rows.append(f"| {name} | {1e3 * time:.0f} | {time / seconds_per_step(first):.2f} | {sweeps:.1f} | {matrices} |\n")
-    return TABLE.format(scene=scene, **{key: first[key] for key in ("elements", "nodes", "steps")}) + "".join(rows)
+        rows.append(
+            f"| {name} | {1e3 * time:.0f} | {time / seconds_per_step(first):.2f} | {sweeps:.1f} |"
+            f" {matrices} |\n"
+        )
+    return TABLE.format(
+        scene=scene, **{key: first[key] for key in ("elements", "nodes", "steps")}
+    ) + "".join(rows)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""Iterations and CPU time of the recipes of configs/petsc beside what was tried against them (docs/solver_recipes.md).
+"""Iterations and CPU time of the recipes of configs/petsc beside what was tried against them
+(docs/solver_recipes.md).
 
-usage: bench_recipes.py TABLE... [--repeats N] [--set KEY=VALUE]...      under mpirun -n R for R ranks; tables: see TABLES
+usage: bench_recipes.py TABLE... [--repeats N] [--set KEY=VALUE]...      under mpirun -n R for R
+ranks; tables: see TABLES
 
-Prints a markdown table: some steps of a scene with each string of options, in one process, all of them N (2) times in turn; the
-least time counts.  Seconds are CPU time of rank 0 without the start: the machine may be shared.  Set-up and solve of all linear
-solvers, and the steps as a whole; mean iterations of fluid, solid, mesh and mixture; MB: what MUMPS used for all its factors, on
-all ranks (its INFOG(22)).
+Prints a markdown table: some steps of a scene with each string of options, in one process, all of
+them N (2) times in turn; the least time counts.  Seconds are CPU time of rank 0 without the start:
+the machine may be shared.  Set-up and solve of all linear solvers, and the steps as a whole; mean
+iterations of fluid, solid, mesh and mixture; MB: what MUMPS used for all its factors, on all ranks
+(its INFOG(22)).
 """
 
 import argparse
@@ -35,7 +38,9 @@ HEADS = ("options", *BLOCKS, "sweeps", "set-up, s", "solve, s", "steps, s", "MB"
 
 @dataclass(frozen=True)
 class Table:
-    """Steps of a scene with changes, and the strings of options compared on it; a word NAME.opt is a file of configs/petsc."""
+    """Steps of a scene with changes, and the strings of options compared on it; a word NAME.opt is
+    a file of configs/petsc.
+    """
 
     scene: str
     changes: tuple
@@ -50,18 +55,33 @@ def square(r):
 
 def cube(n):
     """Return the cells of pulse3d, n x n x n."""
-    return (f"mesh.x.cells=[{n // 5},{n - n // 5}]", f"mesh.y.cells=[{n // 5},{n - n // 5}]", f"mesh.z.cells=[{n}]")
+    return (
+        f"mesh.x.cells=[{n // 5},{n - n // 5}]",
+        f"mesh.y.cells=[{n // 5},{n - n // 5}]",
+        f"mesh.z.cells=[{n}]",
+    )
 
 
 FLAP = ("mesh.x.cells=[48,16,72]", "mesh.y.cells=[48,48]")
 CHANNEL = ("mesh.x.cells=[6,3,15]", "mesh.y.cells=[3,6,3]", "mesh.z.cells=[6,6]")
 BLOCK = ("coupling.scheme=direct", "mesh.x.cells=[7,7]", "mesh.y.cells=[7]", "mesh.z.cells=[11]")
-STATIC = ("model.solid_inertia=false", "model.fluid_inertia=false", "model.convection=false", "time.step=0.02")
+STATIC = (
+    "model.solid_inertia=false",
+    "model.fluid_inertia=false",
+    "model.convection=false",
+    "time.step=0.02",
+)
 NU_49 = ("material.0.solid.lambda=2.736e8",)  # with the scene's mu
-SOLID_MUMPS = "-solid_ksp_type preonly -solid_pc_type cholesky -solid_pc_factor_mat_solver_type mumps"
+SOLID_MUMPS = (
+    "-solid_ksp_type preonly -solid_pc_type cholesky -solid_pc_factor_mat_solver_type mumps"
+)
 SOLID = ("solid_gamg.opt", "solid_hypre.opt", "solid_icc.opt", "solid_pyamg.opt", SOLID_MUMPS)
-ITERATIVE_2D = tuple(f"fluid_fieldsplit.opt {name}.opt" for name in ("solid_gamg", "solid_hypre", "solid_icc"))
-BLR = " ".join(f"-{block}_mat_mumps_icntl_35 2 -{block}_mat_mumps_cntl_7 {{}}" for block in ("fluid", "solid"))
+ITERATIVE_2D = tuple(
+    f"fluid_fieldsplit.opt {name}.opt" for name in ("solid_gamg", "solid_hypre", "solid_icc")
+)
+BLR = " ".join(
+    f"-{block}_mat_mumps_icntl_35 2 -{block}_mat_mumps_cntl_7 {{}}" for block in ("fluid", "solid")
+)
 METIS = "direct.opt -fluid_mat_mumps_icntl_7 5 -solid_mat_mumps_icntl_7 5"
 TOLERANCES = (
     "",
@@ -83,11 +103,17 @@ TABLES = {
         ),
     ),
     "porous_3d": Table(
-        "pulse3d", cube(15), 3, (*SOLID, "direct.opt", "-fluid_pc_type bjacobi", "-fluid_fieldsplit_p_inner_pc_type gamg")
+        "pulse3d",
+        cube(15),
+        3,
+        (*SOLID, "direct.opt", "-fluid_pc_type bjacobi", "-fluid_fieldsplit_p_inner_pc_type gamg"),
     ),
     "large_3d": Table("pulse3d", cube(30), 2, SOLID[:4]),
     "short_steps": Table(
-        "pulse3d", (*cube(15), "time.step=1e-5"), 3, (*SOLID[:3], "-fluid_pc_type bjacobi", "-fluid_pc_type asm")
+        "pulse3d",
+        (*cube(15), "time.step=1e-5"),
+        3,
+        (*SOLID[:3], "-fluid_pc_type bjacobi", "-fluid_pc_type asm"),
     ),
     "low_permeability": Table(
         "pulse3d",
@@ -102,7 +128,11 @@ TABLES = {
         str(SCENES / "flap.toml"),
         FLAP,
         2,
-        ("direct.opt", "free_fluid_fieldsplit.opt mesh_gamg.opt", "free_fluid_fieldsplit.opt mesh_hypre.opt"),
+        (
+            "direct.opt",
+            "free_fluid_fieldsplit.opt mesh_gamg.opt",
+            "free_fluid_fieldsplit.opt mesh_hypre.opt",
+        ),
     ),
     "free_fluid_3d": Table(
         str(SCENES / "block_in_channel3d.toml"),
@@ -122,7 +152,12 @@ TABLES = {
         str(SCENES / "block3d.toml"),
         BLOCK,
         2,
-        ("mixture_direct.opt", "mixture_sweep.opt", "mixture_sweep.opt solid_icc.opt", "mixture_sweep.opt solid_hypre.opt"),
+        (
+            "mixture_direct.opt",
+            "mixture_sweep.opt",
+            "mixture_sweep.opt solid_icc.opt",
+            "mixture_sweep.opt solid_hypre.opt",
+        ),
     ),
     "tolerances_porous": Table("pulse3d", cube(14), 5, TOLERANCES),
     "tolerances_free": Table(
@@ -137,7 +172,9 @@ TABLES = {
 def words_of(row):
     """Return the words of a string of options with the files in full."""
     return [
-        part for word in row.split() for part in (("-options_file", str(RECIPES / word)) if word.endswith(".opt") else (word,))
+        part
+        for word in row.split()
+        for part in (("-options_file", str(RECIPES / word)) if word.endswith(".opt") else (word,))
     ]
 
 
@@ -148,13 +185,20 @@ def run(table, row, changes):
         options.check_options(MPI.COMM_WORLD, exempt_prefixes=ABSENT_PREFIXES)
         solvers = done.solvers
         memory = sum(map(_factor, solvers.values()))
-        return done.coupling.solid.mesh.n_global, (*_counts(solvers, done.sweeps), done.seconds, memory)
+        return done.coupling.solid.mesh.n_global, (
+            *_counts(solvers, done.sweeps),
+            done.seconds,
+            memory,
+        )
 
 
 def _counts(solvers, sweeps):
     """Return iterations of the blocks, sweeps, and the times of all solvers."""
     iterations = (solvers[block].iterations_mean if block in solvers else 0.0 for block in BLOCKS)
-    times = (sum(getattr(solver, name) for solver in solvers.values()) for name in ("setup_time", "solve_time"))
+    times = (
+        sum(getattr(solver, name) for solver in solvers.values())
+        for name in ("setup_time", "solve_time")
+    )
     return *iterations, float(np.mean(sweeps)), *times
 
 
@@ -194,13 +238,19 @@ def _cells(runs):
     """Return the cells of a row with the least times of its runs."""
     *counts, _, _, _, memory = runs[0]
     times = np.min([cells[len(counts) : -1] for cells in runs], axis=0)
-    texts = [*(f"{count:.1f}" if count else "" for count in counts), *(f"{seconds:.2f}" for seconds in times), str(memory or "")]
+    texts = [
+        *(f"{count:.1f}" if count else "" for count in counts),
+        *(f"{seconds:.2f}" for seconds in times),
+        str(memory or ""),
+    ]
     return " | ".join(texts)
 
 
 def main():
     """Print the tables asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("tables", nargs="+", choices=TABLES, metavar="TABLE")
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--set", dest="changes", action="append", default=[], metavar="KEY=VALUE")

@@ -1,21 +1,23 @@
 #!/usr/bin/env python3
-"""Cost of a 3-D step over the number of unknowns and of ranks: time, memory, iterations; writes docs/studies/scale_<case>.*
+"""Cost of a 3-D step over the number of unknowns and of ranks: time, memory, iterations; writes
+docs/studies/scale_<case>.*
 
-usage: bench_scale.py CASE [--unknowns N...] [--ranks R...] [--steps S] [--set KEY=VALUE] [--again] [--json] [--holders]
+usage: bench_scale.py CASE [--unknowns N...] [--ranks R...] [--steps S] [--set KEY=VALUE] [--again]
+[--json] [--holders]
 
-Every run is a fresh mpirun.  Without --unknowns the whole study of the case: sizes from 1e4 to 2e6 on two ranks, 5e5 on one, two
-and four, 25 000 unknowns per rank on one to eight, and a run of fifty steps with 1e5.  Runs that the CSV has are not done again.
-With --unknowns (and --ranks, --steps, --set) those runs alone, printed and not written.
+Every run is a fresh mpirun.  Without --unknowns the whole study of the case: sizes from 1e4 to 2e6
+on two ranks, 5e5 on one, two and four, 25 000 unknowns per rank on one to eight, and a run of fifty
+steps with 1e5.  Runs that the CSV has are not done again. With --unknowns (and --ranks, --steps,
+--set) those runs alone, printed and not written.
 
-Unknowns are displacement (of a free fluid's mesh too), velocity and pressure; auxiliary fields do not count.  A run takes S steps
-(3) after its start with the scene's own options: first (all matrices made) and later ones (the mean), without what is written.
-CPU: the largest of the ranks.
-Assembly and residual: both phases again at the end, values only, the least of three.
-Memory: largest resident size of every rank since it started (raw) and without that of Python with its imports; after the start
-what is held, free memory given back to the system.
-Share of fifty steps: mesh, partition, fields, checkpoints at the scene's intervals; from the measured times, and measured where
-fifty steps are run.
-Triad: a = b + c over arrays of 32 MB on all ranks at once.
+Unknowns are displacement (of a free fluid's mesh too), velocity and pressure; auxiliary fields do
+not count.  A run takes S steps (3) after its start with the scene's own options: first (all
+matrices made) and later ones (the mean), without what is written. CPU: the largest of the ranks.
+Assembly and residual: both phases again at the end, values only, the least of three. Memory:
+largest resident size of every rank since it started (raw) and without that of Python with its
+imports; after the start what is held, free memory given back to the system. Share of fifty steps:
+mesh, partition, fields, checkpoints at the scene's intervals; from the measured times, and measured
+where fifty steps are run. Triad: a = b + c over arrays of 32 MB on all ranks at once.
 """
 
 import argparse
@@ -38,9 +40,12 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 STUDIES = ROOT / "docs" / "studies"
 SIZES = (10_000, 30_000, 100_000, 200_000, 500_000, 1_000_000, 2_000_000)
-FIXED, FIXED_RANKS = 500_000, (1, 2, 4)
-WEAK, WEAK_RANKS = 25_000, (1, 2, 4, 8)
-LONG, LONG_STEPS = 100_000, 50
+FIXED = 500_000
+FIXED_RANKS = (1, 2, 4)
+WEAK = 25_000
+WEAK_RANKS = (1, 2, 4, 8)
+LONG = 100_000
+LONG_STEPS = 50
 STEPS = 3
 LIMIT = 900  # of a run [s]
 BUSY = os.getloadavg()[0]  # when this process began
@@ -50,9 +55,11 @@ MB, STREAM = 1e6, 4_000_000  # [bytes], doubles in each array of the triad
 
 @dataclass(frozen=True)
 class Case:
-    """A scene and its mesh: overrides(unknowns) are the keys that give about so many; per_node unknowns of a node.
+    """A scene and its mesh: overrides(unknowns) are the keys that give about so many; per_node
+    unknowns of a node.
 
-    scene : name of a shipped scene or a TOML file; intervals : steps between two fields and two checkpoints of a long run
+    scene : name of a shipped scene or a TOML file; intervals : steps between two fields and two
+    checkpoints of a long run
     """
 
     scene: str
@@ -62,34 +69,59 @@ class Case:
     fixed: tuple = field(default=("figures={}", "expect=[]"))
 
     def output(self, steps):
-        """Return the key of what a run writes on its way: the first and the last state, a long one what it would."""
+        """Return the key of what a run writes on its way: the first and the last state, a long one
+        what it would.
+        """
         if steps < LONG_STEPS:
             return f"output={{ fields_every = {steps} }}"
-        return f"output={{ fields_every = {self.fields_every}, checkpoint_every = {self.checkpoint_every} }}"
+        return (
+            f"output={{ fields_every = {self.fields_every}, checkpoint_every ="
+            f" {self.checkpoint_every} }}"
+        )
 
 
 def block(unknowns):
-    """Return the cells of a graded block of n x n x n with 7 unknowns to a node; two of eleven cells below the patch."""
+    """Return the cells of a graded block of n x n x n with 7 unknowns to a node; two of eleven
+    cells below the patch.
+    """
     n = max(round((unknowns / 7) ** (1 / 3)) - 1, 3)
     fine = max(round(2 * n / 11), 1)
-    return (f"mesh.x.cells=[{fine},{n - fine}]", f"mesh.y.cells=[{fine},{n - fine}]", f"mesh.z.cells=[{n}]")
+    return (
+        f"mesh.x.cells=[{fine},{n - fine}]",
+        f"mesh.y.cells=[{fine},{n - fine}]",
+        f"mesh.z.cells=[{n}]",
+    )
 
 
 def channel(unknowns):
-    """Return the cells of a channel of 2n x n x n with a block of n/4 x n/2 x n/2, 7 unknowns to a node of the fluid."""
+    """Return the cells of a channel of 2n x n x n with a block of n/4 x n/2 x n/2, 7 unknowns to a
+    node of the fluid.
+    """
     n = max(round((unknowns / 14) ** (1 / 3) - 0.83), 4)
-    half, quarter = round(n / 2), round(n / 4)
-    cells = (half, quarter, 2 * n - half - quarter), (quarter, n - 2 * quarter, quarter), (half, n - half)
-    return tuple(f"mesh.{axis}.cells={list(numbers)}" for axis, numbers in zip("xyz", cells, strict=True))
+    half = round(n / 2)
+    quarter = round(n / 4)
+    cells = (
+        (half, quarter, 2 * n - half - quarter),
+        (quarter, n - 2 * quarter, quarter),
+        (half, n - half),
+    )
+    return tuple(
+        f"mesh.{axis}.cells={list(numbers)}" for axis, numbers in zip("xyz", cells, strict=True)
+    )
 
 
 CASES = {
     "porous": Case("pulse3d", block, fields_every=5, checkpoint_every=25),
-    "fsi": Case(str(ROOT / "tests" / "scenes" / "block_in_channel3d.toml"), channel, fields_every=5, checkpoint_every=25),
+    "fsi": Case(
+        str(ROOT / "tests" / "scenes" / "block_in_channel3d.toml"),
+        channel,
+        fields_every=5,
+        checkpoint_every=25,
+    ),
 }
 
 
-# -- one run, on every rank -------------------------------------------------------------------------------------------------
+# -- one run, on every rank ------------------------------------------------------------------------
 
 
 class Meter:
@@ -97,11 +129,16 @@ class Meter:
 
     def __init__(self):
         """Note the memory of Python with its imports."""
-        self.wall, self.cpu, self.resident, self.peak = {}, {}, {}, {}
+        self.wall = {}
+        self.cpu = {}
+        self.resident = {}
+        self.peak = {}
         self.note("start")
 
     def note(self, name):
-        """Record largest and present resident memory [bytes], the latter after free memory was given back."""
+        """Record largest and present resident memory [bytes], the latter after free memory was
+        given back.
+        """
         self.peak[name] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         gc.collect()
         _give_back()
@@ -111,9 +148,11 @@ class Meter:
     @contextmanager
     def part(self, name):
         """Measure a part."""
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall = time.perf_counter()
+        cpu = time.process_time()
         yield
-        self.wall[name], self.cpu[name] = time.perf_counter() - wall, time.process_time() - cpu
+        self.wall[name] = time.perf_counter() - wall
+        self.cpu[name] = time.process_time() - cpu
         self.note(name)
 
 
@@ -130,7 +169,9 @@ class StepTimes:
 
     def __init__(self, stopwatch):
         """Start the clock."""
-        self._stopwatch, self.wall, self.cpu = stopwatch, [], []
+        self._stopwatch = stopwatch
+        self.wall = []
+        self.cpu = []
         self._mark()
 
     def _mark(self):
@@ -150,8 +191,12 @@ def work(case_name, unknowns, steps, changes, folder, holders):
     from porofsi_petsc.linalg import options
 
     case = CASES[case_name]
-    scene = load_scene(case.scene, (*case.overrides(unknowns), *case.fixed, case.output(steps), *changes))
-    scene = scene.model_copy(update={"time": scene.time.model_copy(update={"end": steps * scene.time.step})})
+    scene = load_scene(
+        case.scene, (*case.overrides(unknowns), *case.fixed, case.output(steps), *changes)
+    )
+    scene = scene.model_copy(
+        update={"time": scene.time.model_copy(update={"end": steps * scene.time.step})}
+    )
     options.start(scene.petsc.options)
     from mpi4py import MPI
 
@@ -160,14 +205,17 @@ def work(case_name, unknowns, steps, changes, folder, holders):
     from porofsi_petsc.simulation.records import Records
     from porofsi_petsc.simulation.simulation import Simulation
 
-    comm, meter = MPI.COMM_WORLD, Meter()
+    comm = MPI.COMM_WORLD
+    meter = Meter()
     with meter.part("mesh"):
         mesh = local_mesh(scene, comm)
     with meter.part("build"):
         simulation = Simulation(scene, comm, mesh=mesh)
         records = Records(simulation, Path(folder))
         records.progress = Progress(scene.time.end, quiet=True)
-    coupling, loop, seconds = simulation.coupling, simulation.loop, simulation.stopwatch.seconds
+    coupling = simulation.coupling
+    loop = simulation.loop
+    seconds = simulation.stopwatch.seconds
     with meter.part("mesh_file"):
         records.open()
     with meter.part("fields"):
@@ -191,18 +239,26 @@ def work(case_name, unknowns, steps, changes, folder, holders):
 
 
 def _repeat(coupling, rates):
-    """Return name -> least (wall, CPU) time of new tangents (values only) and of residuals at the accepted state (collective)."""
+    """Return name -> least (wall, CPU) time of new tangents (values only) and of residuals at the
+    accepted state (collective).
+    """
     coupling.reset()
-    fluid, solid, comm = coupling.fluid, coupling.solid, coupling.solid.mesh.comm
+    fluid = coupling.fluid
+    solid = coupling.solid
+    comm = coupling.solid.mesh.comm
     actions = {
-        "assembly": lambda: (fluid.renew_tangent(rates, coupling.carrier()), solid.renew_tangent(rates)),
+        "assembly": lambda: (
+            fluid.renew_tangent(rates, coupling.carrier()),
+            solid.renew_tangent(rates),
+        ),
         "residual": lambda: solid.residual(coupling.flow(fluid.residual(coupling.carrier()))),
     }
     best = {}
     for name, action in actions.items():
         for _ in range(REPEATS):
             comm.barrier()
-            wall, cpu = time.perf_counter(), time.process_time()
+            wall = time.perf_counter()
+            cpu = time.process_time()
             action()
             comm.barrier()
             taken = time.perf_counter() - wall, time.process_time() - cpu
@@ -212,7 +268,9 @@ def _repeat(coupling, rates):
 
 def _triad(comm):
     """Return the bytes per second of a = b + c on all ranks together (collective)."""
-    a, b, c = np.zeros(STREAM), np.ones(STREAM), np.ones(STREAM)
+    a = np.zeros(STREAM)
+    b = np.ones(STREAM)
+    c = np.ones(STREAM)
     best = np.inf
     for _ in range(10):
         comm.barrier()
@@ -239,9 +297,14 @@ def _record(mesh, coupling, loop, everyone, triad, case):
         return max(float(np.mean(getattr(one, attribute)[part])) for one in times)
 
     later = slice(1, None) if loop.clock.step > 1 else slice(0, 1)
-    first, other = steps("wall", slice(0, 1)), steps("wall", later)
-    start, write, check = wall("mesh") + wall("mesh_file"), wall("fields"), wall("checkpoint")
-    writing = write * (1 + LONG_STEPS // case.fields_every) + check * (LONG_STEPS // case.checkpoint_every)
+    first = steps("wall", slice(0, 1))
+    other = steps("wall", later)
+    start = wall("mesh") + wall("mesh_file")
+    write = wall("fields")
+    check = wall("checkpoint")
+    writing = write * (1 + LONG_STEPS // case.fields_every) + check * (
+        LONG_STEPS // case.checkpoint_every
+    )
     total = start + wall("build") + first + (LONG_STEPS - 1) * other + writing
     share = (start + writing) / total
     if loop.clock.step >= LONG_STEPS:
@@ -254,7 +317,9 @@ def _record(mesh, coupling, loop, everyone, triad, case):
     }
     for name in ("fluid", "solid", "mesh"):
         block = coupling.blocks.get(name)
-        record[f"{name}_iterations"] = _counts(block.solver.iterations) if block and block.solver else ""
+        record[f"{name}_iterations"] = (
+            _counts(block.solver.iterations) if block and block.solver else ""
+        )
     return record | {
         "mesh_seconds": wall("mesh"),
         "build_seconds": wall("build"),
@@ -284,8 +349,14 @@ def _record(mesh, coupling, loop, everyone, triad, case):
 
 
 def _unknowns(coupling):
-    """Return the number of displacements, of the mesh of a free fluid too, velocities and pressures."""
-    blocks = {name: block.domain for name, block in coupling.blocks.items() if name in ("solid", "fluid", "mesh")}
+    """Return the number of displacements, of the mesh of a free fluid too, velocities and
+    pressures.
+    """
+    blocks = {
+        name: block.domain
+        for name, block in coupling.blocks.items()
+        if name in ("solid", "fluid", "mesh")
+    }
     return sum(domain.n_nodes * (domain.dim + (name == "fluid")) for name, domain in blocks.items())
 
 
@@ -295,8 +366,11 @@ def _counts(iterations):
 
 
 def print_holders(thing, unknowns, rank):
-    """Print which attributes of a coupling hold how many bytes of NumPy arrays per unknown of the rank, each array once."""
-    seen, found = set(), {}
+    """Print which attributes of a coupling hold how many bytes of NumPy arrays per unknown of the
+    rank, each array once.
+    """
+    seen = set()
+    found = {}
 
     def visit(value, path, depth):
         if id(value) in seen or depth > 40:
@@ -315,24 +389,30 @@ def print_holders(thing, unknowns, rank):
         elif isinstance(value, list | tuple):
             for item in value:
                 visit(item, path, depth + 1)
-        elif type(value).__module__.startswith(("porofsi_petsc", "scipy")) and hasattr(value, "__dict__"):
+        elif type(value).__module__.startswith(("porofsi_petsc", "scipy")) and hasattr(
+            value, "__dict__"
+        ):
             visit(vars(value), path, depth + 1)
 
     visit(thing, "", 0)
-    print(f"rank {rank}: bytes per unknown in arrays of the package, {sum(found.values()) / unknowns:.0f} in all")
+    print(
+        f"rank {rank}: bytes per unknown in arrays of the package,"
+        f" {sum(found.values()) / unknowns:.0f} in all"
+    )
     for path, size in sorted(found.items(), key=lambda item: -item[1]):
         if size > 5 * unknowns:
             print(f"  {size / unknowns:7.0f}  {path}")
 
 
-# -- the study, on one process ----------------------------------------------------------------------------------------------
+# -- the study, on one process ---------------------------------------------------------------------
 
 KEYS = ("unknowns", "ranks", "steps")
 COLUMNS = (
-    "elements nodes true_unknowns sweeps fluid_iterations solid_iterations mesh_iterations mesh_seconds build_seconds "
-    "first_seconds first_cpu step_seconds step_cpu first_us step_us assembly_seconds assembly_cpu residual_seconds residual_cpu "
-    "fields_seconds checkpoint_seconds share base_mb start_mb_least start_mb_largest start_peak_mb_largest peak_mb "
-    "peak_bytes_per_unknown raw_bytes_per_unknown triad_gb_s"
+    "elements nodes true_unknowns sweeps fluid_iterations solid_iterations mesh_iterations"
+    " mesh_seconds build_seconds first_seconds first_cpu step_seconds step_cpu first_us step_us"
+    " assembly_seconds assembly_cpu residual_seconds residual_cpu fields_seconds checkpoint_seconds"
+    " share base_mb start_mb_least start_mb_largest start_peak_mb_largest peak_mb"
+    " peak_bytes_per_unknown raw_bytes_per_unknown triad_gb_s"
 ).split()
 
 
@@ -360,20 +440,41 @@ def study(case):
     """Return the runs of the whole study, small ones first."""
     pairs = [(size, 2, STEPS) for size in SIZES] + [(FIXED, ranks, STEPS) for ranks in FIXED_RANKS]
     pairs += [(WEAK * ranks, ranks, STEPS) for ranks in WEAK_RANKS] + [(LONG, 2, LONG_STEPS)]
-    return [Run(case, *pair) for pair in sorted(set(pairs), key=lambda pair: (pair[0] * pair[2], pair[1]))]
+    return [
+        Run(case, *pair)
+        for pair in sorted(set(pairs), key=lambda pair: (pair[0] * pair[2], pair[1]))
+    ]
 
 
 def execute(run, changes=(), holders=False):
-    """Run in fresh processes and return the record; what goes wrong ends the study with the last lines of the error."""
+    """Run in fresh processes and return the record; what goes wrong ends the study with the last
+    lines of the error.
+    """
     print(f"running {run.label}", file=sys.stderr, flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        order = {"case_name": run.case, "unknowns": run.unknowns, "steps": run.steps, "changes": list(changes)}
+        order = {
+            "case_name": run.case,
+            "unknowns": run.unknowns,
+            "steps": run.steps,
+            "changes": list(changes),
+        }
         order |= {"folder": folder, "holders": holders}
         mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(run.ranks)]
-        environment = os.environ | {"OMP_NUM_THREADS": "1", "OMPI_MCA_hwloc_base_binding_policy": "none"}
-        command = [*mpirun, sys.executable, str(Path(__file__).resolve()), "--worker", json.dumps(order)]
+        environment = os.environ | {
+            "OMP_NUM_THREADS": "1",
+            "OMPI_MCA_hwloc_base_binding_policy": "none",
+        }
+        command = [
+            *mpirun,
+            sys.executable,
+            str(Path(__file__).resolve()),
+            "--worker",
+            json.dumps(order),
+        ]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, env=environment)
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=LIMIT, env=environment
+            )
         except subprocess.TimeoutExpired:
             sys.exit(f"{run.label}: not done after {LIMIT} s; leave it out with --largest")
         result = Path(folder, "record.json")
@@ -392,7 +493,12 @@ def worker(order):
         Path(order["folder"], "record.json").write_text(json.dumps(record))
 
 
-RATIOS = {"assembly": "assembly", "residual": "residual", "first step": "first", "later step": "step"}
+RATIOS = {
+    "assembly": "assembly",
+    "residual": "residual",
+    "first step": "first",
+    "later step": "step",
+}
 
 
 def report(case, rows):
@@ -404,7 +510,10 @@ def report(case, rows):
         return [row for row in rows if wanted.items() <= row.items()]
 
     def table(chosen, **columns):
-        lines = [[row[column] if isinstance(column, str) else column(row) for column in columns.values()] for row in chosen]
+        lines = [
+            [row[column] if isinstance(column, str) else column(row) for column in columns.values()]
+            for row in chosen
+        ]
         return markdown([name.replace("_", " ") for name in columns], lines)
 
     growth = [row for size in SIZES for row in of(size, 2)]
@@ -462,18 +571,27 @@ def versions():
     import numba
     from petsc4py import PETSc
 
-    model = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
+    model = [
+        line
+        for line in Path("/proc/cpuinfo").read_text().splitlines()
+        if line.startswith("model name")
+    ]
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
-    cores, name = os.cpu_count(), model[0].partition(":")[2].strip() if model else platform.machine()
+    cores = os.cpu_count()
+    name = model[0].partition(":")[2].strip() if model else platform.machine()
     return (
-        f"PETSc {petsc}, NumPy {np.__version__}, Numba {numba.__version__}, Python {platform.python_version()}; "
-        f"{cores} cores of {name}."
+        f"PETSc {petsc}, NumPy {np.__version__}, Numba {numba.__version__}, Python"
+        f" {platform.python_version()}; {cores} cores of {name}."
     )
 
 
 def load():
     """Return a sentence about what else ran before the first run."""
-    verdict = ": other programs had a part of the cores, so that the times are no measure" if BUSY > 1.5 else ""
+    verdict = (
+        ": other programs had a part of the cores, so that the times are no measure"
+        if BUSY > 1.5
+        else ""
+    )
     return f"Load before it began {BUSY:.1f}{verdict}."
 
 
@@ -484,11 +602,22 @@ def draw(case, rows):
     x = np.array([float(row["true_unknowns"]) for row in rows])
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for name, label, marker in (("first_seconds", "first step", "o"), ("step_seconds", "later step", "s")):
-        left.loglog(x, [float(row[name]) for row in rows], marker + "-", label=label, fillstyle="none")
+    for name, label, marker in (
+        ("first_seconds", "first step", "o"),
+        ("step_seconds", "later step", "s"),
+    ):
+        left.loglog(
+            x, [float(row[name]) for row in rows], marker + "-", label=label, fillstyle="none"
+        )
     left.loglog(x, float(rows[-1]["step_seconds"]) * x / x[-1], ":", color="0.5", label="linear")
     left.set_ylabel("wall time on two ranks [s]")
-    right.loglog(x, [float(row["peak_mb"]) - float(row["base_mb"]) for row in rows], "o-", label="peak", fillstyle="none")
+    right.loglog(
+        x,
+        [float(row["peak_mb"]) - float(row["base_mb"]) for row in rows],
+        "o-",
+        label="peak",
+        fillstyle="none",
+    )
     right.loglog(x, 6e3 * x / MB, ":", color="0.5", label="6 kB per unknown")
     right.set_ylabel("memory of both ranks [MB]")
     for ax in (left, right):
@@ -500,16 +629,34 @@ def draw(case, rows):
 
 def main():
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("case", nargs="?", choices=CASES, metavar="CASE", help=", ".join(CASES))
-    parser.add_argument("--unknowns", type=lambda text: int(float(text)), nargs="+", help="these sizes, nothing is written")
+    parser.add_argument(
+        "--unknowns",
+        type=lambda text: int(float(text)),
+        nargs="+",
+        help="these sizes, nothing is written",
+    )
     parser.add_argument("--ranks", type=int, nargs="+", default=[2])
     parser.add_argument("--steps", type=int, default=STEPS)
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change of the scene")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="change of the scene"
+    )
     parser.add_argument("--again", action="store_true", help="all runs anew")
-    parser.add_argument("--largest", type=lambda text: int(float(text)), default=SIZES[-1], help="leave larger sizes out")
+    parser.add_argument(
+        "--largest",
+        type=lambda text: int(float(text)),
+        default=SIZES[-1],
+        help="leave larger sizes out",
+    )
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--holders", action="store_true", help="print who holds how many bytes per unknown on every rank")
+    parser.add_argument(
+        "--holders",
+        action="store_true",
+        help="print who holds how many bytes per unknown on every rank",
+    )
     parser.add_argument("--worker", type=json.loads, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
@@ -518,18 +665,29 @@ def main():
         parser.error("no case")
     sys.path.insert(0, str(ROOT))
     if options.unknowns:
-        runs = [Run(options.case, size, ranks, options.steps) for size in options.unknowns for ranks in options.ranks]
+        runs = [
+            Run(options.case, size, ranks, options.steps)
+            for size in options.unknowns
+            for ranks in options.ranks
+        ]
         records = []
         for run in runs:
             records.append(run.keys | execute(run, options.set, options.holders))
             if not options.json:
-                print(run.label, *(f"  {name:24s} {value}" for name, value in records[-1].items()), sep="\n", flush=True)
+                print(
+                    run.label,
+                    *(f"  {name:24s} {value}" for name, value in records[-1].items()),
+                    sep="\n",
+                    flush=True,
+                )
     else:
         from porofsi_petsc.studies.table import Table, sweep
 
         execute(Run(options.case, 2000, 1, 1))  # compiled loops are in the cache from here on
         table = Table(STUDIES / f"scale_{options.case}.csv", KEYS, COLUMNS, options.again)
-        records = sweep(table, [run for run in study(options.case) if run.unknowns <= options.largest], execute)
+        records = sweep(
+            table, [run for run in study(options.case) if run.unknowns <= options.largest], execute
+        )
         report(options.case, records)
     if options.json:
         print(json.dumps(records, indent=1))

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""MUMPS, GAMG, hypre, pyamg and incomplete Cholesky on the displacement block of the pulse; writes docs/studies/solid_solvers.*
+"""MUMPS, GAMG, hypre, pyamg and incomplete Cholesky on the displacement block of the pulse; writes
+docs/studies/solid_solvers.*
 
 usage: bench_solid.py [--dimensions 2 3] [--orders 1 2] [--meshes N] [--ranks 1 2] [--json]
 
-The first system of a run, its matrix and right side, by every solver: in 2-D and 3-D, on the first N (3) meshes, with Poisson's
-ratio 0.3 and 0.49, with inertia (the scene's step) and without (one step of 0.02 s).  Without restrictions all of it, each
-number of ranks in a mpirun of its own; --json prints the records of what is asked for instead of writing.
-CPU seconds, the largest of the ranks: the machine may be shared.  The matrix is solved to the default tolerance of 1e-4 with a
+The first system of a run, its matrix and right side, by every solver: in 2-D and 3-D, on the first
+N (3) meshes, with Poisson's ratio 0.3 and 0.49, with inertia (the scene's step) and without (one
+step of 0.02 s).  Without restrictions all of it, each number of ranks in a mpirun of its own;
+--json prints the records of what is asked for instead of writing. CPU seconds, the largest of the
+ranks: the machine may be shared.  The matrix is solved to the default tolerance of 1e-4 with a
 fresh preconditioner (set-up and solve), and to 1e-8 (iterations only).
 """
 
@@ -35,13 +37,19 @@ SOLVERS = {
     "pyamg": "solid_pyamg",
     "ICC": "solid_icc",
 }
-# Refinements by dimension and order: 2-D 18 r x 8 r cells, 3-D n x n x n; about the same nodes on both orders.
+# Refinements by dimension and order: 2-D 18 r x 8 r cells, 3-D n x n x n; about the same nodes on
+# both orders.
 MESHES = {(2, 1): (4, 8, 12), (2, 2): (2, 4, 6), (3, 1): (8, 11, 15), (3, 2): (4, 5, 7)}
 POISSON = (0.3, 0.49)
 # The load is largest after 0.02 s.
-INERTIA = {"transient": (), "static": ("model.solid_inertia=false", "model.fluid_inertia=false", "time.step=0.02")}
+INERTIA = {
+    "transient": (),
+    "static": ("model.solid_inertia=false", "model.fluid_inertia=false", "time.step=0.02"),
+}
 MU = 5.583e6  # of the scene [Pa]
-LOOSE, TIGHT, CAP = 1e-4, 1e-8, 300
+LOOSE = 1e-4
+TIGHT = 1e-8
+CAP = 300
 KEYS = ("ranks", "dimension", "order", "poisson", "balance", "unknowns")
 COLUMNS = (*KEYS, "solver", "iterations", "iterations_tight", "set_up", "solve")
 
@@ -57,10 +65,23 @@ def _interrupt(solver, rhs):
 def overrides(dimension, order, refinement, poisson, balance):
     """Return the keys of a mesh and of a material with the scene's shear modulus."""
     n = refinement
-    cells = [[8 * n, 2 * n, 8 * n], [8 * n]] if dimension == 2 else [[n // 4, n - n // 4], [n // 4, n - n // 4], [n]]
-    mesh = tuple(f"mesh.{axis}.cells={numbers}" for axis, numbers in zip("xyz", cells, strict=False))
+    cells = (
+        [[8 * n, 2 * n, 8 * n], [8 * n]]
+        if dimension == 2
+        else [[n // 4, n - n // 4], [n // 4, n - n // 4], [n]]
+    )
+    mesh = tuple(
+        f"mesh.{axis}.cells={numbers}" for axis, numbers in zip("xyz", cells, strict=False)
+    )
     law = f"material.0.solid.lambda={2 * MU * poisson / (1 - 2 * poisson)}"
-    return (*mesh, f"mesh.order={order}", f"material.0.solid.mu={MU}", law, "model.convection=false", *INERTIA[balance])
+    return (
+        *mesh,
+        f"mesh.order={order}",
+        f"material.0.solid.mu={MU}",
+        law,
+        "model.convection=false",
+        *INERTIA[balance],
+    )
 
 
 def first_system(scene):
@@ -80,7 +101,9 @@ def first_system(scene):
 
 
 def times(matrix, rhs, recipe, dimension, tolerance):
-    """Return (iterations, set-up, solve) of one solve with a new preconditioner; no iterations where it fails (collective)."""
+    """Return (iterations, set-up, solve) of one solve with a new preconditioner; no iterations
+    where it fails (collective).
+    """
     from porofsi_petsc.errors import ConvergenceError
     from porofsi_petsc.linalg import options
     from porofsi_petsc.linalg.fieldsplit import solid_defaults
@@ -111,9 +134,18 @@ def work(dimensions, orders, meshes):
     records = []
     for dimension, order, balance, poisson in product(dimensions, orders, INERTIA, POISSON):
         for refinement in MESHES[dimension, order][:meshes]:
-            scene = load_scene(f"pulse{dimension}d", overrides(dimension, order, refinement, poisson, balance))
+            scene = load_scene(
+                f"pulse{dimension}d", overrides(dimension, order, refinement, poisson, balance)
+            )
             first, rhs = first_system(scene)
-            system = (MPI.COMM_WORLD.size, dimension, order, poisson, balance, first.matrix.getSize()[0])
+            system = (
+                MPI.COMM_WORLD.size,
+                dimension,
+                order,
+                poisson,
+                balance,
+                first.matrix.getSize()[0],
+            )
             for name, recipe in SOLVERS.items():
                 loose = times(first.matrix, rhs, recipe, dimension, LOOSE)
                 tight = times(first.matrix, rhs, recipe, dimension, TIGHT)
@@ -124,16 +156,26 @@ def work(dimensions, orders, meshes):
     return records
 
 
-# -- all ranks, from one process --------------------------------------------------------------------------------------------
+# -- all ranks, from one process -------------------------------------------------------------------
 
 
 def launch(ranks, given):
     """Return the records of a number of ranks, in a mpirun of its own."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_"))}
+    kept = {
+        key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_"))
+    }
     environment = kept | {"OMP_NUM_THREADS": "1", "OMPI_MCA_hwloc_base_binding_policy": "none"}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "records.json"
-        words = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks), sys.executable, __file__]
+        words = [
+            "mpirun",
+            "--allow-run-as-root",
+            "--oversubscribe",
+            "-n",
+            str(ranks),
+            sys.executable,
+            __file__,
+        ]
         words += ["--worker", str(file)]
         for name in ("dimensions", "orders"):
             words += [f"--{name}", *map(str, getattr(given, name))]
@@ -146,19 +188,32 @@ def summary(records):
     import numpy
     import petsc4py
 
-    versions = f"petsc4py {petsc4py.__version__}, pyamg {_version('pyamg')}, NumPy {numpy.__version__}"
+    versions = (
+        f"petsc4py {petsc4py.__version__}, pyamg {_version('pyamg')}, NumPy {numpy.__version__}"
+    )
     lines = [
         "# Solvers of the displacement",
         "",
         "    python scripts/bench_solid.py",
         "",
-        f"{versions}, Python {platform.python_version()}, {os.cpu_count()} cores that others used too: CPU seconds, largest of",
-        "the ranks. First system of `pulse2d` and `pulse3d`; every solver a file of `configs/petsc` (solid_…, MUMPS: direct).",
-        "Transient: with inertia, the scene's step; static: without, one step of 0.02 s. A dash: over 300 iterations.",
+        (
+            f"{versions}, Python {platform.python_version()}, {os.cpu_count()} cores that others"
+            " used too: CPU seconds, largest of"
+        ),
+        (
+            "the ranks. First system of `pulse2d` and `pulse3d`; every solver a file of"
+            " `configs/petsc` (solid_…, MUMPS: direct)."
+        ),
+        (
+            "Transient: with inertia, the scene's step; static: without, one step of 0.02 s. A"
+            " dash: over 300 iterations."
+        ),
         "",
         "## Iterations to 1e-8 on three meshes",
         "",
-        *_table(records, lambda group: "/".join(_text(record["iterations_tight"]) for record in group)),
+        *_table(
+            records, lambda group: "/".join(_text(record["iterations_tight"]) for record in group)
+        ),
         "",
         "## Set-up + solve to 1e-4 on the finest of them, CPU seconds (iterations)",
         "",
@@ -168,15 +223,25 @@ def summary(records):
 
 
 def _table(records, cell):
-    lines = [f"| | ν | unknowns | ranks | {' | '.join(SOLVERS)} |", "|---" * (4 + len(SOLVERS)) + "|"]
+    lines = [
+        f"| | ν | unknowns | ranks | {' | '.join(SOLVERS)} |",
+        "|---" * (4 + len(SOLVERS)) + "|",
+    ]
     keys = ("dimension", "order", "balance", "poisson", "ranks")
     systems = dict.fromkeys(tuple(record[key] for key in keys) for record in records)
     for dimension, order, balance, poisson, ranks in sorted(systems):
-        same = [r for r in records if (r["dimension"], r["order"], r["balance"]) == (dimension, order, balance)]
+        same = [
+            r
+            for r in records
+            if (r["dimension"], r["order"], r["balance"]) == (dimension, order, balance)
+        ]
         same = [r for r in same if (r["poisson"], r["ranks"]) == (poisson, ranks)]
         cells = [cell([r for r in same if r["solver"] == name]) for name in SOLVERS]
         sizes = "/".join(str(n) for n in dict.fromkeys(r["unknowns"] for r in same))
-        lines.append(f"| {dimension}-D P{order} {balance} | {poisson} | {sizes} | {ranks} | {' | '.join(cells)} |")
+        lines.append(
+            f"| {dimension}-D P{order} {balance} | {poisson} | {sizes} | {ranks} |"
+            f" {' | '.join(cells)} |"
+        )
     return lines
 
 
@@ -196,7 +261,9 @@ def _version(package):
 
 def main():
     """Measure what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--dimensions", type=int, nargs="+", default=[2, 3], choices=[2, 3])
     parser.add_argument("--orders", type=int, nargs="+", default=[1, 2], choices=[1, 2])
     parser.add_argument("--meshes", type=int, default=3, choices=[1, 2, 3])
@@ -218,7 +285,10 @@ def main():
     with TARGET.with_suffix(".csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
-        writer.writerows(record | {key: f"{record[key]:.4f}" for key in ("set_up", "solve")} for record in records)
+        writer.writerows(
+            record | {key: f"{record[key]:.4f}" for key in ("set_up", "solve")}
+            for record in records
+        )
     TARGET.with_suffix(".md").write_text(summary(records))
 
 

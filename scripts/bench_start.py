@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Sweeps of a step by the order of the extrapolation that it starts from: displacement, fluid velocity and pressure.
+"""Sweeps of a step by the order of the extrapolation that it starts from: displacement, fluid
+velocity and pressure.
 
-usage: bench_start.py SCENE [--steps N] [--set KEY=VALUE]...     e.g. bench_start.py pulse2d --steps 12
+usage: bench_start.py SCENE [--steps N] [--set KEY=VALUE]...     e.g. bench_start.py pulse2d --steps
+12
 
-A line per choice: orders of u, v_f and p; mean and largest number of sweeps of the steps from the fourth on; CPU seconds of all
-steps.  The package starts from u of order 2 (1 without inertia), v_f of order 1 and p of order 0.  The others replace what
-`begin_step` has set: order k is the polynomial through the last k + 1 levels.
+A line per choice: orders of u, v_f and p; mean and largest number of sweeps of the steps from the
+fourth on; CPU seconds of all steps.  The package starts from u of order 2 (1 without inertia), v_f
+of order 1 and p of order 0.  The others replace what `begin_step` has set: order k is the
+polynomial through the last k + 1 levels.
 """
 
 import argparse
@@ -20,20 +23,33 @@ from porofsi_petsc.phases.fluid import FluidPhase
 from porofsi_petsc.phases.solid import SolidPhase
 
 KEEP = "shipped"
-CHOICES = ((KEEP, KEEP, KEEP), (0, 0, 0), (1, 1, 0), (1, 1, 1), (2, 2, 1), (2, 2, 2), (KEEP, KEEP, 1), (KEEP, KEEP, 2))
+CHOICES = (
+    (KEEP, KEEP, KEEP),
+    (0, 0, 0),
+    (1, 1, 0),
+    (1, 1, 1),
+    (2, 2, 1),
+    (2, 2, 2),
+    (KEEP, KEEP, 1),
+    (KEEP, KEEP, 2),
+)
 WEIGHTS = {0: (1,), 1: (2, -1), 2: (3, -3, 1)}
 FIRST = 3  # steps before enough levels are there
 
 
 def extrapolated(levels, order):
-    """Return the value at the next level of the polynomial through the last `order` + 1, fewer at the start; newest first."""
+    """Return the value at the next level of the polynomial through the last `order` + 1, fewer at
+    the start; newest first.
+    """
     weights = WEIGHTS[min(order, len(levels) - 1)]
     return sum(weight * level for weight, level in zip(weights, levels, strict=False))
 
 
 def start_of_fluid(v_order, p_order):
     """Return a `begin_step` that starts from extrapolated v_f and p."""
-    original, v_levels, p_levels = FluidPhase.begin_step, deque(maxlen=3), deque(maxlen=3)
+    original = FluidPhase.begin_step
+    v_levels = deque(maxlen=3)
+    p_levels = deque(maxlen=3)
 
     def begin_step(fluid, scheme, rates, t, skeleton):
         original(fluid, scheme, rates, t, skeleton)
@@ -52,7 +68,8 @@ def start_of_fluid(v_order, p_order):
 
 def start_of_solid(order):
     """Return a `begin_step` that starts from an extrapolated displacement."""
-    original, levels = SolidPhase.begin_step, deque(maxlen=3)
+    original = SolidPhase.begin_step
+    levels = deque(maxlen=3)
 
     def begin_step(solid, scheme, t):
         original(solid, scheme, t)
@@ -67,7 +84,9 @@ def start_of_solid(order):
 
 def main():
     """Measure every choice of orders."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("scene")
     parser.add_argument("--steps", type=int, default=12)
     parser.add_argument("--set", dest="changes", action="append", default=[], metavar="KEY=VALUE")
@@ -78,7 +97,10 @@ def main():
         solid = mock.patch.object(SolidPhase, "begin_step", start_of_solid(u))
         with fluid, solid, some_steps(scene, given.steps) as done:
             counted = done.sweeps[FIRST:]
-        print(f"{u!s:8}{v!s:8}{p!s:8} {np.mean(counted):5.2f} {max(counted):3d} {done.seconds:7.2f}", flush=True)
+        print(
+            f"{u!s:8}{v!s:8}{p!s:8} {np.mean(counted):5.2f} {max(counted):3d} {done.seconds:7.2f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

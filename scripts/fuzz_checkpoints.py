@@ -1,10 +1,12 @@
-"""Restart from damaged checkpoints: each is refused in one sentence, or the run goes on as if nothing had happened.
+"""Restart from damaged checkpoints: each is refused in one sentence, or the run goes on as if
+nothing had happened.
 
     .venv/bin/python scripts/fuzz_checkpoints.py [--number 300] [--seed 0]
 
-The kinds of damage (`DAMAGES`) take turns.  Those of bytes and those made with HDF5 keep the old checksum, as a disk or another
-program would; those called "sealed" get a new one, so that only what the file says can be wrong.  What comes out otherwise is
-printed with its seed, and the exit code is 1.
+The kinds of damage (`DAMAGES`) take turns.  Those of bytes and those made with HDF5 keep the old
+checksum, as a disk or another program would; those called "sealed" get a new one, so that only what
+the file says can be wrong.  What comes out otherwise is printed with its seed, and the exit code is
+1.
 """
 
 import argparse
@@ -69,12 +71,28 @@ quantities = ["u_y", "vf_y"]
 checkpoint_every = 3
 fields_every = 3
 """
-WRONG = ("text", "", [], {}, True, float("nan"), float("-inf"), 10**400, [[1]], {"a": None})  # no entry is one of these
-OPTIONAL = {"columns", "tables", "regions", "step_control"}  # entries that a checkpoint of an earlier version does not have
+WRONG = (
+    "text",
+    "",
+    [],
+    {},
+    True,
+    float("nan"),
+    float("-inf"),
+    10**400,
+    [[1]],
+    {"a": None},
+)  # no entry is one of these
+OPTIONAL = {
+    "columns",
+    "tables",
+    "regions",
+    "step_control",
+}  # entries that a checkpoint of an earlier version does not have
 NO_TOML = ("title = ", "[time", "\0", "a = 1\na = 2", "[[material]]\nregion = 3")
 
 
-# -- damage to bytes ------------------------------------------------------------------------------------------------------
+# -- damage to bytes -------------------------------------------------------------------------------
 
 
 def change_bytes(change):
@@ -106,7 +124,8 @@ def truncate(content, rng):
 
 def fill(content, rng):
     """Fill a block with zeros or random bytes."""
-    start, size = rng.integers(len(content)), int(rng.integers(1, 4097))
+    start = rng.integers(len(content))
+    size = int(rng.integers(1, 4097))
     block = bytes(size) if rng.integers(2) else rng.bytes(size)
     content[start : start + size] = block[: len(content) - start]
     return content
@@ -116,15 +135,20 @@ def swap(content, rng):
     """Swap two blocks."""
     size = int(rng.integers(1, 1025))
     a, b = (int(start) for start in rng.integers(len(content) - size, size=2))
-    first, second = content[a : a + size], content[b : b + size]
-    content[b : b + size], content[a : a + size] = first, second
+    first = content[a : a + size]
+    second = content[b : b + size]
+    content[b : b + size] = first
+    content[a : a + size] = second
     return content
 
 
 def shift(content, rng):
     """Remove some bytes or repeat them, the checksum among them or not."""
-    start, size = int(rng.integers(len(content))), int(rng.integers(1, 1025))
-    return content[:start] + (content[start + size :] if rng.integers(2) else content[max(0, start - size) :])
+    start = int(rng.integers(len(content)))
+    size = int(rng.integers(1, 1025))
+    return content[:start] + (
+        content[start + size :] if rng.integers(2) else content[max(0, start - size) :]
+    )
 
 
 def unseal(content, rng):
@@ -137,7 +161,7 @@ def append(content, rng):
     return content + rng.bytes(int(rng.integers(1, 2000)))
 
 
-# -- damage by HDF5 -------------------------------------------------------------------------------------------------------
+# -- damage by HDF5 --------------------------------------------------------------------------------
 
 
 def change_arrays(change, sealed):
@@ -169,7 +193,9 @@ def change_number(file, names, rng):
 
 
 def replace_array(file, names, rng):
-    """Replace an array by one of another shape or type, or by something that is none; or remove it."""
+    """Replace an array by one of another shape or type, or by something that is none; or remove
+    it.
+    """
     name = rng.choice([name for name in names if not name.startswith("accelerator.")])
     values = file[name][()]
     other = [
@@ -195,11 +221,13 @@ def replace_array(file, names, rng):
         file[name] = chosen
 
 
-# -- damage to the header -------------------------------------------------------------------------------------------------
+# -- damage to the header --------------------------------------------------------------------------
 
 
 def change_header(change, sealed=True):
-    """Return the damage that changes the header, a dict, by change(header, rng); it may return other text for it."""
+    """Return the damage that changes the header, a dict, by change(header, rng); it may return
+    other text for it.
+    """
 
     def damage(file, names, rng):
         header = json.loads(file.attrs["header"])
@@ -229,7 +257,11 @@ def some_entry(header, rng):
 def spoil_entry(header, rng):
     """Give an entry a value that it cannot have."""
     table, key = some_entry(header, rng)
-    wrong = [value for value in WRONG if type(value) is not type(table[key]) or not isinstance(value, (str, list, dict))]
+    wrong = [
+        value
+        for value in WRONG
+        if type(value) is not type(table[key]) or not isinstance(value, (str, list, dict))
+    ]
     table[key] = wrong[rng.integers(len(wrong))]
 
 
@@ -264,7 +296,11 @@ def contradict(header, rng):
 
 def spoil_scene(header, rng):
     """Break the text of the scene, or let it be another one."""
-    wrong = [*NO_TOML, header["scene"][: len(header["scene"]) // 2], header["scene"].replace("5583000", "5583001")]
+    wrong = [
+        *NO_TOML,
+        header["scene"][: len(header["scene"]) // 2],
+        header["scene"].replace("5583000", "5583001"),
+    ]
     header["scene"] = wrong[rng.integers(len(wrong))]
 
 
@@ -274,12 +310,17 @@ def no_header(header, rng):
     return wrong[rng.integers(len(wrong))]
 
 
-# -- other files ----------------------------------------------------------------------------------------------------------
+# -- other files -----------------------------------------------------------------------------------
 
 
 def foreign(path, rng):
-    """Put another file of the run, another HDF5 file, text, a folder or nothing in the place of the checkpoint."""
-    others = [path.parent / name for name in ("history.csv", "fields/mesh.h5", "fields/000003.h5", "scene.toml")]
+    """Put another file of the run, another HDF5 file, text, a folder or nothing in the place of the
+    checkpoint.
+    """
+    others = [
+        path.parent / name
+        for name in ("history.csv", "fields/mesh.h5", "fields/000003.h5", "scene.toml")
+    ]
     chosen = rng.integers(len(others) + 4)
     path.unlink()
     if chosen < len(others):
@@ -316,7 +357,7 @@ DAMAGES = {
 }
 
 
-# -- runs -----------------------------------------------------------------------------------------------------------------
+# -- runs ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -353,12 +394,20 @@ class Runs:
             return "refused" if sentence else f"refused by {text!r}"
         except Exception as error:
             return f"{type(error).__name__}: {error}"
-        return "identical" if content(directory) == content(self.folder / "whole") else "another result"
+        return (
+            "identical"
+            if content(directory) == content(self.folder / "whole")
+            else "another result"
+        )
 
 
 def do(scene, directory, restart=None):
     """Run a scene without figures."""
-    with mock.patch.object(importlib.import_module("porofsi_petsc.simulation.run"), "make_figures", lambda directory: []):
+    with mock.patch.object(
+        importlib.import_module("porofsi_petsc.simulation.run"),
+        "make_figures",
+        lambda directory: [],
+    ):
         run(scene, directory, restart=restart, quiet=True)
 
 
@@ -371,7 +420,8 @@ def content(directory):
 
 def fuzz(number: int, seed: int, folder: Path) -> list:
     """Return (kind, seed, outcome) of a number of damaged checkpoints."""
-    runs, kinds = Runs.made_in(folder), [kind for kind in DAMAGES if kind != "none"]
+    runs = Runs.made_in(folder)
+    kinds = [kind for kind in DAMAGES if kind != "none"]
     found = []
     for i in range(number):
         faulthandler.dump_traceback_later(HANGS, exit=True)
@@ -394,7 +444,9 @@ def main():
     choice = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         found = fuzz(choice.number, choice.seed, Path(folder))
-    counts = collections.Counter((kind, outcome) for kind, _, outcome in found if outcome in ("refused", "identical"))
+    counts = collections.Counter(
+        (kind, outcome) for kind, _, outcome in found if outcome in ("refused", "identical")
+    )
     for (kind, outcome), count in sorted(counts.items()):
         print(f"{kind:28} {outcome:10} {count}")
     for kind, seed, outcome in wrong(found):

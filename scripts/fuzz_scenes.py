@@ -3,11 +3,12 @@
     python scripts/fuzz_scenes.py [--cases 10000] [--first 0] [--seed 0] [--steps 0] [--keep DIR]
 
 A case is a shipped scene on a small mesh with one to three mutations of its tables, its text or its
-overrides.  It is loaded, and if it is valid, checked as `porofsi check` does and with --steps N run for
-N steps.  Each line of an InputError must be a sentence of at most 500 characters that names the file, the
-key, the expression or the override; every other exception, and a minute without an answer, is a finding.
-Prints the counts and the findings (their input goes to DIR) and ends with 1 when there is one.  A case is
-made from its number and the seed alone: --first N --cases 1 tries case N again.
+overrides.  It is loaded, and if it is valid, checked as `porofsi check` does and with --steps N run
+for N steps.  Each line of an InputError must be a sentence of at most 500 characters that names the
+file, the key, the expression or the override; every other exception, and a minute without an
+answer, is a finding. Prints the counts and the findings (their input goes to DIR) and ends with 1
+when there is one.  A case is made from its number and the seed alone: --first N --cases 1 tries
+case N again.
 """
 
 import argparse
@@ -33,8 +34,13 @@ from porofsi_petsc.config.toml import read_toml
 from porofsi_petsc.errors import InputError, PorofsiError
 
 LONGEST_SENTENCE, TIME_LIMIT = 500, 60.0  # characters; seconds
-PLACE = re.compile(r"DIR|/|\[|override |expression |scene ")  # with which a sentence says where it belongs
-FEW, MANY = 5000, 1e12  # cells of a mesh that is made, and of one that no memory holds; between them is nothing to try
+PLACE = re.compile(
+    r"DIR|/|\[|override |expression |scene "
+)  # with which a sentence says where it belongs
+FEW, MANY = (
+    5000,
+    1e12,
+)  # cells of a mesh that is made, and of one that no memory holds; between them is nothing to try
 NUMBERS = [0, 0.0, -0.0, -1, 1, 2, 0.5, 0.1 + 0.2, 1 - 1e-16, 1 + 2e-16, -1e308, 10**400]
 NUMBERS += [5e-324, 1e-300, 1e-160, 1e-100, 1e-40, 1e-17, 1e-16, 1e16, 1e40, 1e41, 1e160, 1e308]
 NUMBERS += [float("inf"), float("-inf"), float("nan"), 2**31, 2**63, 2**64, 10**30, 10**308]
@@ -43,23 +49,96 @@ WORDS += ["\u202e", "'", '"', "{}", "%s", "#", "t", "a" * 300, "a" * 100_000]
 WORDS += ["/dev/zero", "/dev/null", "/", "..", "no\x00file"]
 ATOMS = ["t", "x", "y", "z", "pi", "e", "1", "0", "2.5", "1e308", "1e-308", "1e309", "9" * 320]
 ATOMS += ["q", "''", "None", "True", "1j", "x.real"]
-CALLS = ["sin", "exp", "log", "sqrt", "abs", "erf", "heaviside", "minimum", "maximum", "where", "eval", "t"]
+CALLS = [
+    "sin",
+    "exp",
+    "log",
+    "sqrt",
+    "abs",
+    "erf",
+    "heaviside",
+    "minimum",
+    "maximum",
+    "where",
+    "eval",
+    "t",
+]
 CHOICES = {
-    "scheme": ["partitioned", "quasi_direct", "direct", "weak", "one_way", "generalized_alpha", "backward_euler", "steady"],
+    "scheme": [
+        "partitioned",
+        "quasi_direct",
+        "direct",
+        "weak",
+        "one_way",
+        "generalized_alpha",
+        "backward_euler",
+        "steady",
+    ],
     "accelerator": ["aitken", "none", "constant", "anderson", "iqn_ils", "auto"],
     "interface": ["dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"],
-    "law": ["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2", "xie_leo", "ehlers_eipper", "harmonic"],
+    "law": [
+        "linear_elastic",
+        "saint_venant_kirchhoff",
+        "neo_hookean",
+        "neo_hookean_j2",
+        "xie_leo",
+        "ehlers_eipper",
+        "harmonic",
+    ],
     "split": ["corrected", "plain"],
     "tangent": ["lagged", "newton"],
     "on_failure": ["stop", "cut_step"],
     "order": [1, 2],
     "diagonal": ["left", "right", "alternating"],
     "porosity": ["constant", "variable", "auto", 0.5, 1e-6, 0.999999],
-    "solution": ["column_step", "column_harmonic", "terzaghi", "mandel", "strip_footing", "xie_leo", "selfweight", "drained"],
+    "solution": [
+        "column_step",
+        "column_harmonic",
+        "terzaghi",
+        "mandel",
+        "strip_footing",
+        "xie_leo",
+        "selfweight",
+        "drained",
+    ],
 }
-ACTIONS = ("value", "value", "value", "formula", "drop", "rename", "copy", "type", "nest", "table", "double")
+ACTIONS = (
+    "value",
+    "value",
+    "value",
+    "formula",
+    "drop",
+    "rename",
+    "copy",
+    "type",
+    "nest",
+    "table",
+    "double",
+)
 SWITCHES = ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh")
-SIGNS = ["+", "-", "*", "/", "%", "**", "//", "<", "<=", ">", "==", "!=", "&", "|", "^", " and ", " or ", " if ", ",", "=", ":="]
+SIGNS = [
+    "+",
+    "-",
+    "*",
+    "/",
+    "%",
+    "**",
+    "//",
+    "<",
+    "<=",
+    ">",
+    "==",
+    "!=",
+    "&",
+    "|",
+    "^",
+    " and ",
+    " or ",
+    " if ",
+    ",",
+    "=",
+    ":=",
+]
 
 
 class Hang(BaseException):
@@ -67,10 +146,13 @@ class Hang(BaseException):
 
 
 class Mutator:
-    """Mutations of the tables, the text and the overrides of a scene, all drawn from one generator."""
+    """Mutations of the tables, the text and the overrides of a scene, all drawn from one
+    generator.
+    """
 
     def __init__(self, draw, folder):
-        self.draw, self.folder = draw, folder
+        self.draw = draw
+        self.folder = folder
 
     def scene(self, tables):
         """Return the bytes of a mutated scene and its overrides."""
@@ -105,7 +187,22 @@ class Mutator:
         elif action == "nest":
             where[key] = self.draw.choice(([where[key]], {str(key): where[key]}, {"x": where[key]}))
         elif action == "type":
-            where[key] = self.draw.choice((True, 3, 2.5, "text", [], {}, [1, 2], ["a"], {"a": 1}, [[]], [{}], {"table": "a.csv"}))
+            where[key] = self.draw.choice(
+                (
+                    True,
+                    3,
+                    2.5,
+                    "text",
+                    [],
+                    {},
+                    [1, 2],
+                    ["a"],
+                    {"a": 1},
+                    [[]],
+                    [{}],
+                    {"table": "a.csv"},
+                )
+            )
         elif action == "table":
             where[key] = self._table()
         elif action == "formula":
@@ -114,9 +211,13 @@ class Mutator:
             where[key] = self._value()
 
     def _vary(self, tables):
-        """Change a number by powers of ten, a switch or a choice; most of these scenes are valid."""
+        """Change a number by powers of ten, a switch or a choice; most of these scenes are
+        valid.
+        """
         draw = self.draw
-        where, key = draw.choice([(w, k) for w, k in _places(tables) if not isinstance(w[k], (dict, list))])
+        where, key = draw.choice(
+            [(w, k) for w, k in _places(tables) if not isinstance(w[k], (dict, list))]
+        )
         if key in CHOICES:
             where[key] = draw.choice(CHOICES[key])
         elif key in SWITCHES or isinstance(where[key], bool):
@@ -126,7 +227,9 @@ class Mutator:
             scaled = where[key] * scale if abs(where[key]) < 1e300 else where[key]
             where[key] = draw.choice((scaled, -where[key], 0.0, draw.choice(NUMBERS)))
         else:
-            tables.setdefault("model", {})[draw.choice(SWITCHES)] = draw.choice((True, False, "auto"))
+            tables.setdefault("model", {})[draw.choice(SWITCHES)] = draw.choice(
+                (True, False, "auto")
+            )
 
     def _value(self):
         return self.draw.choice(NUMBERS if self.draw.random() < 0.7 else WORDS)
@@ -137,7 +240,9 @@ class Mutator:
         if depth == 0 or kind < 0.3:
             return draw.choice(ATOMS)
         if kind < 0.5:
-            arguments = ", ".join(self._formula(depth - 1) for _ in range(draw.choice((0, 1, 1, 2, 3))))
+            arguments = ", ".join(
+                self._formula(depth - 1) for _ in range(draw.choice((0, 1, 1, 2, 3)))
+            )
             return f"{draw.choice(CALLS)}({arguments})"
         if kind < 0.6:
             return f"{draw.choice(('-', '+', '~', 'not ', 'lambda: '))}{self._formula(depth - 1)}"
@@ -146,15 +251,46 @@ class Mutator:
 
     def _table(self):
         draw = self.draw
-        cells = ["0", "1", "-3000", "a", "", "nan", "inf", "1e400", "1e300", "1;2", "#", '"', "\x00", "1_0", "0,5"]
-        rows = [",".join(draw.choice(cells) for _ in range(draw.choice((0, 1, 2, 2, 2, 3)))) for _ in range(draw.randrange(4))]
+        cells = [
+            "0",
+            "1",
+            "-3000",
+            "a",
+            "",
+            "nan",
+            "inf",
+            "1e400",
+            "1e300",
+            "1;2",
+            "#",
+            '"',
+            "\x00",
+            "1_0",
+            "0,5",
+        ]
+        rows = [
+            ",".join(draw.choice(cells) for _ in range(draw.choice((0, 1, 2, 2, 2, 3))))
+            for _ in range(draw.randrange(4))
+        ]
         path = self.folder / "table.csv"
         path.write_bytes("\n".join(rows).encode() + (b"\xff" if draw.random() < 0.1 else b""))
-        name = draw.choice((str(path), str(path), "table.csv", "none.csv", "/dev/zero", str(self.folder), "\x00", "a" * 5000))
+        name = draw.choice(
+            (
+                str(path),
+                str(path),
+                "table.csv",
+                "none.csv",
+                "/dev/zero",
+                str(self.folder),
+                "\x00",
+                "a" * 5000,
+            )
+        )
         return {"table": name} | ({"column": draw.choice(cells)} if draw.random() < 0.3 else {})
 
     def _bytes(self, text):
-        draw, at = self.draw, self.draw.randrange(len(text) + 1)
+        draw = self.draw
+        at = self.draw.randrange(len(text) + 1)
         junk = bytes(draw.randrange(256) for _ in range(draw.randrange(1, 8)))
         return draw.choice(
             (
@@ -164,7 +300,11 @@ class Mutator:
                 b"\xef\xbb\xbf" + text,
                 text.decode().encode("utf-16"),
                 text + b"\n" + text,
-                text[:at] + draw.choice((b"\n", b"[", b"]", b"=", b'"', b"\x00", b"[a]\n", b"a" * 2000 + b".")) + text[at:],
+                text[:at]
+                + draw.choice(
+                    (b"\n", b"[", b"]", b"=", b'"', b"\x00", b"[a]\n", b"a" * 2000 + b".")
+                )
+                + text[at:],
                 b"x=" + b"[" * 5000,
                 b"a." * 3000 + b"a=1",
                 junk,
@@ -204,13 +344,17 @@ def _keys(value, prefix=""):
 
 
 def small_scenes():
-    """Return the tables of all shipped scenes on a mesh of a few cells, with absolute paths of meshes and tables."""
+    """Return the tables of all shipped scenes on a mesh of a few cells, with absolute paths of
+    meshes and tables.
+    """
     scenes = []
     for _, _, path in list_scenes():
         tables = read_toml(path)
         for axis in "xyz":
             if axis in tables["mesh"]:
-                tables["mesh"][axis]["cells"] = [1 if axis == "z" else 2] * (len(tables["mesh"][axis]["points"]) - 1)
+                tables["mesh"][axis]["cells"] = [1 if axis == "z" else 2] * (
+                    len(tables["mesh"][axis]["points"]) - 1
+                )
         _resolve(tables, path.parent)
         scenes.append(tables)
     return scenes
@@ -226,8 +370,12 @@ class Fuzz:
     """Cases one after the other, what became of them, and what should not have."""
 
     def __init__(self, seed, steps, folder):
-        self.seed, self.steps, self.folder = seed, steps, Path(folder)
-        self.scenes, self.counts, self.findings = small_scenes(), collections.Counter(), []
+        self.seed = seed
+        self.steps = steps
+        self.folder = Path(folder)
+        self.scenes = small_scenes()
+        self.counts = collections.Counter()
+        self.findings = []
         self.path = self.folder / "case.toml"
 
     def case(self, number):
@@ -238,13 +386,17 @@ class Fuzz:
         smoke = draw.random() < 0.1
         signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT)
         try:
-            outcome, problem = self._outcome(overrides, smoke), None
+            outcome = self._outcome(overrides, smoke)
+            problem = None
         except InputError as error:
-            outcome, problem = "refused", _problem(str(error), self.folder)
+            outcome = "refused"
+            problem = _problem(str(error), self.folder)
         except PorofsiError as error:
-            outcome, problem = type(error).__name__, _problem(str(error), self.folder, names=False)
+            outcome = type(error).__name__
+            problem = _problem(str(error), self.folder, names=False)
         except (Exception, Hang, SystemExit) as error:
-            outcome, problem = "crashed", "".join(traceback.format_exception(error))[-1500:]
+            outcome = "crashed"
+            problem = "".join(traceback.format_exception(error))[-1500:]
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
         self.counts[outcome] += 1
@@ -296,7 +448,10 @@ def check(scene):
 def run(scene, directory):
     """Run a scene without figures."""
     module = importlib.import_module("porofsi_petsc.simulation.run")
-    with mock.patch.object(module, "make_figures", lambda directory: []), contextlib.redirect_stdout(io.StringIO()):
+    with (
+        mock.patch.object(module, "make_figures", lambda directory: []),
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
         module.run(scene, directory, force=True, quiet=True)
 
 
@@ -308,7 +463,9 @@ def fuzz(cases, seed=0, steps=0, first=0):
     previous = signal.signal(signal.SIGALRM, _raise_hang)
     try:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of NumPy, where numbers are at the ends of their range
+            warnings.simplefilter(
+                "ignore"
+            )  # of NumPy, where numbers are at the ends of their range
             trial = Fuzz(seed, steps, folder)
             for number in range(first, first + cases):
                 trial.case(number)
@@ -344,7 +501,9 @@ def main():
         keep(trial, choice.keep)
     print(", ".join(f"{count} {outcome}" for outcome, count in sorted(trial.counts.items())))
     for number, problem, overrides, _ in trial.findings:
-        print(f"--- case {number} (seed {choice.seed}), overrides {str(overrides)[:300]!a}\n{problem}")
+        print(
+            f"--- case {number} (seed {choice.seed}), overrides {str(overrides)[:300]!a}\n{problem}"
+        )
     sys.exit(1 if trial.findings else 0)
 
 

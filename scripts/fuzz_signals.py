@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
-"""Signals at random moments of a run: afterwards nothing hangs, and what is on disk is continued to the very same history.
+"""Signals at random moments of a run: afterwards nothing hangs, and what is on disk is continued to
+the very same history.
 
 usage: fuzz_signals.py [--moments N] [--seed S] [--folder DIR]
 
-Half of the moments (40) on one rank, half on two: SIGINT, SIGTERM, SIGUSR1 or SIGKILL to one rank, all of them, or mpirun, at a
-random time after Python's own start or after a random row of the history.  Then every process must be gone within a minute,
-without a traceback, and a restart from the checkpoint, or the run anew where there is none, must end with the history of a run
-that nobody disturbed: to the last digit on one rank, to round-off on two (messages come in any order).  Prints a line for each
-moment and ends with 1 when one of them failed.
+Half of the moments (40) on one rank, half on two: SIGINT, SIGTERM, SIGUSR1 or SIGKILL to one rank,
+all of them, or mpirun, at a random time after Python's own start or after a random row of the
+history.  Then every process must be gone within a minute, without a traceback, and a restart from
+the checkpoint, or the run anew where there is none, must end with the history of a run that nobody
+disturbed: to the last digit on one rank, to round-off on two (messages come in any order).  Prints
+a line for each moment and ends with 1 when one of them failed.
 """
 
 import argparse
@@ -29,11 +31,21 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGKILL)
 RECEIVERS = ("one rank", "all ranks", "mpirun")
 STEPS = 40
 SCENE = (
-    *("mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.step=1e-3", f"time.end={STEPS * 1e-3}"),
+    *(
+        "mesh.order=1",
+        "mesh.x.cells=[4, 2, 4]",
+        "mesh.y.cells=[4]",
+        "time.step=1e-3",
+        f"time.end={STEPS * 1e-3}",
+    ),
     *("expect=[]", "output.checkpoint_every=3", "output.fields_every=4"),
 )
-PATIENCE = 60.0  # [s] until a process that has not ended hangs; a signal before the first step finds compiled routines
-ROUND_OFF = 1e-9  # of the largest value of a column, on several ranks: 1e-16 times the condition number of the factored blocks
+# [s] until a process that has not ended hangs; a signal before the first step finds compiled
+# routines
+PATIENCE = 60.0
+# of the largest value of a column, on several ranks: 1e-16 times the condition number of the
+# factored blocks
+ROUND_OFF = 1e-9
 LAUNCH = {
     "OMP_NUM_THREADS": "1",
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
@@ -46,7 +58,9 @@ LAUNCH = {
 
 @dataclass(frozen=True)
 class Moment:
-    """When a signal comes to whom: after `rows` rows of the history (0: from the start) and `delay` [s] more."""
+    """When a signal comes to whom: after `rows` rows of the history (0: from the start) and `delay`
+    [s] more.
+    """
 
     ranks: int
     number: signal.Signals
@@ -56,7 +70,10 @@ class Moment:
 
     def __str__(self):
         when = f"after {self.rows} rows" if self.rows else "at the start"
-        return f"{self.ranks} ranks, {self.number.name} to {self.receiver}, {when} and {self.delay:.2f} s"
+        return (
+            f"{self.ranks} ranks, {self.number.name} to {self.receiver}, {when} and"
+            f" {self.delay:.2f} s"
+        )
 
 
 def moments(count, seed, ranks=(1, 2)):
@@ -77,15 +94,32 @@ def command(folder, ranks, *more):
     """Return the words of a run in a folder."""
     launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
     changes = [word for change in SCENE for word in ("--set", change)]
-    run = [sys.executable, "-m", "porofsi_petsc", "run", "pulse2d", "--output", str(folder), *changes]
+    run = [
+        sys.executable,
+        "-m",
+        "porofsi_petsc",
+        "run",
+        "pulse2d",
+        "--output",
+        str(folder),
+        *changes,
+    ]
     return [*launcher, *run, *more]
 
 
 def start(words):
-    """Start a process with the signals of a terminal, in a group of its own, so that mpirun starts afresh."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))}
+    """Start a process with the signals of a terminal, in a group of its own, so that mpirun starts
+    afresh.
+    """
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))
+    }
     streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(words, **streams, env=kept | LAUNCH, preexec_fn=_as_a_terminal, start_new_session=True)
+    return subprocess.Popen(
+        words, **streams, env=kept | LAUNCH, preexec_fn=_as_a_terminal, start_new_session=True
+    )
 
 
 def _as_a_terminal():
@@ -101,7 +135,8 @@ def complete(words):
 
 
 def try_moment(moment, folder, expected):
-    """Disturb a run, continue it, and return what it ended with and a text of what is wrong, an empty one if nothing is.
+    """Disturb a run, continue it, and return what it ended with and a text of what is wrong, an
+    empty one if nothing is.
 
     expected : history of the undisturbed run (dict column -> rows)
     """
@@ -120,7 +155,9 @@ def try_moment(moment, folder, expected):
 
 
 def _strike(process, moment, folder):
-    """Send the signal when its moment has come, unless the run has ended; return the ids of all its processes."""
+    """Send the signal when its moment has come, unless the run has ended; return the ids of all its
+    processes.
+    """
     history = folder / "history.csv"
     while moment.rows and process.poll() is None:
         if history.is_file() and len(history.read_bytes().splitlines()) > moment.rows:
@@ -128,7 +165,9 @@ def _strike(process, moment, folder):
         time.sleep(0.005)
     ranks = _started(process, moment.ranks)
     time.sleep(moment.delay)
-    receivers = {"one rank": ranks[-1:], "all ranks": ranks, "mpirun": []}[moment.receiver] or [process.pid]
+    receivers = {"one rank": ranks[-1:], "all ranks": ranks, "mpirun": []}[moment.receiver] or [
+        process.pid
+    ]
     for receiver in receivers:
         if process.poll() is None:
             _send(receiver, moment.number)
@@ -136,7 +175,9 @@ def _strike(process, moment, folder):
 
 
 def _started(process, count):
-    """Return the ids of the ranks under mpirun once all have handlers: a Python that starts prints its own traceback."""
+    """Return the ids of the ranks under mpirun once all have handlers: a Python that starts prints
+    its own traceback.
+    """
     while process.poll() is None:
         ranks = _children(process.pid) if count > 1 else [process.pid]
         if len(ranks) == count and all(map(_has_handlers, ranks)):
@@ -185,7 +226,10 @@ def _wait_for_all(everyone):
 
 def _continued(moment, folder, expected):
     """Bring the run to its end and return how its history differs."""
-    if not (folder / "summary.json").is_file() or '"exit_code": 0' not in (folder / "summary.json").read_text():
+    if (
+        not (folder / "summary.json").is_file()
+        or '"exit_code": 0' not in (folder / "summary.json").read_text()
+    ):
         checkpoint = folder / "checkpoint.h5"
         more = ("--restart", str(checkpoint)) if checkpoint.is_file() else ("--force",)
         code, error = complete(command(folder, moment.ranks, *more))
@@ -194,8 +238,15 @@ def _continued(moment, folder, expected):
     found = read_history(folder / "history.csv")
     if found.keys() != expected.keys() or len(found["t"]) != len(expected["t"]):
         return f"{len(found['t'])} rows instead of {len(expected['t'])}"
-    largest = max(np.abs(found[name] - expected[name]).max() / (np.abs(expected[name]).max() or 1.0) for name in expected)
-    return "" if largest <= (ROUND_OFF if moment.ranks > 1 else 0.0) else f"another history, by {largest:.1e}"
+    largest = max(
+        np.abs(found[name] - expected[name]).max() / (np.abs(expected[name]).max() or 1.0)
+        for name in expected
+    )
+    return (
+        ""
+        if largest <= (ROUND_OFF if moment.ranks > 1 else 0.0)
+        else f"another history, by {largest:.1e}"
+    )
 
 
 def undisturbed(folder, ranks):
@@ -218,7 +269,10 @@ def main():
     for i, moment in enumerate(moments(choice.moments, choice.seed)):
         code, wrong = try_moment(moment, folder / str(i), expected[moment.ranks])
         failures += bool(wrong)
-        print(f"{i + 1}: {moment}: exit code {code}, {wrong or 'continued to the same history'}", flush=True)
+        print(
+            f"{i + 1}: {moment}: exit code {code}, {wrong or 'continued to the same history'}",
+            flush=True,
+        )
     print(f"{failures} of {choice.moments} failed; results in {folder}")
     sys.exit(bool(failures))
 

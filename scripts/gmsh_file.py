@@ -1,4 +1,6 @@
-"""What the mesh scripts share: naming and writing a mesh, judging a plane one of the gmsh module (pip install .[mesh])."""
+"""What the mesh scripts share: naming and writing a mesh, judging a plane one of the gmsh module
+(pip install .[mesh]).
+"""
 
 import argparse
 from pathlib import Path
@@ -10,14 +12,24 @@ import numpy as np
 def parse(description, levels):
     """Return the parser with the options that every scalable mesh has; levels : a range."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--level", type=int, choices=levels, default=0, help="every level halves all sizes")
-    parser.add_argument("--order", type=int, choices=(1, 2), default=1, help="2: curved edges on arcs, straight ones inside")
+    parser.add_argument(
+        "--level", type=int, choices=levels, default=0, help="every level halves all sizes"
+    )
+    parser.add_argument(
+        "--order",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="2: curved edges on arcs, straight ones inside",
+    )
     parser.add_argument("--output", type=Path, required=True, help="mesh file (.msh 4.1)")
     return parser
 
 
 def make(options, geometry, dim=2):
-    """Write the mesh of a model; geometry : level -> (boundaries, parts), each name -> entities, of the model that it builds."""
+    """Write the mesh of a model; geometry : level -> (boundaries, parts), each name -> entities, of
+    the model that it builds.
+    """
     gmsh.initialize()
     gmsh.option.setNumber("General.Verbosity", 2)
     boundaries, parts = geometry(options.level)
@@ -45,18 +57,26 @@ def write(order, path, dim=2):
 
 
 def report():
-    """Print the number of vertices and triangles and the smallest and largest angle of every named surface."""
+    """Print the number of vertices and triangles and the smallest and largest angle of every named
+    surface.
+    """
     for _, group in gmsh.model.getPhysicalGroups(2):
-        corners = np.concatenate([_corners(surface) for surface in gmsh.model.getEntitiesForPhysicalGroup(2, group)])
+        corners = np.concatenate(
+            [_corners(surface) for surface in gmsh.model.getEntitiesForPhysicalGroup(2, group)]
+        )
         angles = _angles(corners)
         vertices = len(np.unique(corners.reshape(-1, 2).round(12), axis=0))
-        print(f"{gmsh.model.getPhysicalName(2, group)}: {vertices} vertices, {len(corners)} triangles,", end=" ")
+        print(
+            f"{gmsh.model.getPhysicalName(2, group)}: {vertices} vertices, {len(corners)}"
+            " triangles,",
+            end=" ",
+        )
         print(f"angles {angles.min():.1f} to {angles.max():.1f} degrees")
 
 
 def _corners(surface):
     """Return the vertices of the triangles of a surface, (E, 3, 2)."""
-    ((kind,), _, (nodes,)) = gmsh.model.mesh.getElements(2, surface)
+    (kind,), _, (nodes,) = gmsh.model.mesh.getElements(2, surface)
     tags, points, _ = gmsh.model.mesh.getNodes(2, surface, includeBoundary=True)
     row = np.zeros(int(tags.max()) + 1, dtype=int)
     row[tags.astype(int)] = np.arange(len(tags))
@@ -67,6 +87,7 @@ def _corners(surface):
 
 def _angles(corners):
     """Return the angles of triangles, (E, 3) [degrees]."""
-    a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    a = np.roll(corners, -1, axis=1) - corners
+    b = np.roll(corners, 1, axis=1) - corners
     cosine = (a * b).sum(axis=2) / np.linalg.norm(a, axis=2) / np.linalg.norm(b, axis=2)
     return np.degrees(np.arccos(cosine.clip(-1, 1)))

@@ -1,17 +1,24 @@
-"""Write the channel with a cylinder of Schäfer and Turek (radius 0.05 m), finest at the cylinder and behind it."""
+"""Write the channel with a cylinder of Schäfer and Turek (radius 0.05 m), finest at the cylinder
+and behind it.
+"""
 
 import gmsh
 import gmsh_file
 
 LENGTH, HEIGHT, CENTRE, RADIUS = 2.2, 0.41, (0.2, 0.2), 0.05  # [m]
-AT_CYLINDER, GROWTH, LARGEST = 0.008, 0.16, 0.06  # size [m] at the cylinder, its growth per distance, largest
+AT_CYLINDER, GROWTH, LARGEST = (
+    0.008,
+    0.16,
+    0.06,
+)  # size [m] at the cylinder, its growth per distance, largest
 IN_WAKE = 0.025  # size [m] in the wake
 
 
 def geometry(level):
     """Build the channel; return curves and surfaces by name."""
     occ = gmsh.model.occ
-    channel, disk = occ.addRectangle(0, 0, 0, LENGTH, HEIGHT), occ.addDisk(*CENTRE, 0, RADIUS, RADIUS)
+    channel = occ.addRectangle(0, 0, 0, LENGTH, HEIGHT)
+    disk = occ.addDisk(*CENTRE, 0, RADIUS, RADIUS)
     (fluid,), _ = occ.cut([(2, channel)], [(2, disk)])
     occ.synchronize()
     curves = {"inlet": [], "outlet": [], "walls": [], "cylinder": []}
@@ -33,10 +40,13 @@ def _name(x0, y0, _z0, x1, y1, _z1):
 def _sizes(cylinder, factor):
     """Let the size of elements grow with the distance from the cylinder, less in its wake."""
     field = gmsh.model.mesh.field
-    distance, size = field.add("Distance"), field.add("MathEval")
+    distance = field.add("Distance")
+    size = field.add("MathEval")
     field.setNumbers(distance, "CurvesList", cylinder)
     field.setNumber(distance, "Sampling", 200)
-    wake = f"({IN_WAKE} + 10*max(0, 0.2 - x) + 0.6*max(0, abs(y - 0.2) - 0.08) + 0.03*max(0, x - 0.6))"
+    wake = (
+        f"({IN_WAKE} + 10*max(0, 0.2 - x) + 0.6*max(0, abs(y - 0.2) - 0.08) + 0.03*max(0, x - 0.6))"
+    )
     grown = f"({AT_CYLINDER} + {GROWTH}*F{distance})"
     smallest = f"min(min({grown}, {wake}), {LARGEST})"
     field.setString(size, "F", f"{factor}*{smallest}")

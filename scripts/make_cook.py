@@ -1,4 +1,6 @@
-"""Write Cook's membrane (1974), a tapered panel in a regular grid of triangles: locking of nearly incompressible solids."""
+"""Write Cook's membrane (1974), a tapered panel in a regular grid of triangles: locking of nearly
+incompressible solids.
+"""
 
 import gmsh
 import gmsh_file

@@ -1,21 +1,34 @@
-"""Write a flat quarter of a cylinder around the axis z, graded towards its side (unconfined compression)."""
+"""Write a flat quarter of a cylinder around the axis z, graded towards its side (unconfined
+compression).
+"""
 
 import gmsh
 import gmsh_file
 
-RADIUS, CORE, HEIGHT = 3.175e-3, 1.9e-3, 5e-4  # of the cylinder, of its part without layers, of both [m]
+RADIUS, CORE, HEIGHT = (
+    3.175e-3,
+    1.9e-3,
+    5e-4,
+)  # of the cylinder, of its part without layers, of both [m]
 SIZE = 1.2e-3  # of the triangles around the axis [m]
-AROUND, THROUGH, GROWTH = 5, 4, 0.6  # elements of level 0 over the quarter circle and the layers; each over the next one inside
+AROUND, THROUGH, GROWTH = (
+    5,
+    4,
+    0.6,
+)  # elements of level 0 over the quarter circle and the layers; each over the next one inside
 
 
 def cross_section(level):
     """Build the quarter disc at z = 0 and return its two surfaces."""
-    geo, n = gmsh.model.geo, 2**level
+    geo = gmsh.model.geo
+    n = 2**level
     centre = geo.addPoint(0, 0, 0, SIZE / n)
     right = [geo.addPoint(r, 0, 0, SIZE / n) for r in (CORE, RADIUS)]
     top = [geo.addPoint(0, r, 0, SIZE / n) for r in (CORE, RADIUS)]
     arcs = [geo.addCircleArc(a, centre, b) for a, b in zip(right, top, strict=True)]
-    bottom, left = ([geo.addLine(*pair) for pair in ((centre, side[0]), side)] for side in (right, top))
+    bottom, left = (
+        [geo.addLine(*pair) for pair in ((centre, side[0]), side)] for side in (right, top)
+    )
     core = geo.addPlaneSurface([geo.addCurveLoop([bottom[0], arcs[0], -left[0]])])
     layers = geo.addPlaneSurface([geo.addCurveLoop([bottom[1], arcs[1], -left[1], -arcs[0]])])
     for arc in arcs:
@@ -28,13 +41,24 @@ def cross_section(level):
 
 def geometry(level):
     """Build the cylinder; return its surfaces and its volume by name."""
-    geo, names = gmsh.model.geo, ("z0", "top", "y0", "side", "x0")
-    surfaces, body = {name: [] for name in names}, []
+    geo = gmsh.model.geo
+    names = ("z0", "top", "y0", "side", "x0")
+    surfaces = {name: [] for name in names}
+    body = []
     parts = cross_section(level)
-    # extruded: end, volume, then the sides in the order of the loop: y = 0, outer arc, x = 0 (, inner arc)
+    # extruded: end, volume, then the sides in the order of the loop: y = 0, outer arc, x = 0 (,
+    # inner arc)
     for start, outer in zip(parts, (None, "side"), strict=True):
-        end, volume, bottom, arc, left = (tag for _, tag in geo.extrude([(2, start)], 0, 0, HEIGHT, [2**level])[:5])
-        for name, surface in (("z0", start), ("top", end), ("y0", bottom), (outer, arc), ("x0", left)):
+        end, volume, bottom, arc, left = (
+            tag for _, tag in geo.extrude([(2, start)], 0, 0, HEIGHT, [2**level])[:5]
+        )
+        for name, surface in (
+            ("z0", start),
+            ("top", end),
+            ("y0", bottom),
+            (outer, arc),
+            ("x0", left),
+        ):
             if name:
                 surfaces[name].append(surface)
         body.append(volume)

@@ -1,7 +1,9 @@
-"""Write a mesh of the channel of Turek & Hron (2006): cylinder with an elastic beam, conforming along their interface.
+"""Write a mesh of the channel of Turek & Hron (2006): cylinder with an elastic beam, conforming
+along their interface.
 
-Surfaces fluid and beam; curves inlet, outlet, walls, cylinder (wetted arc), root (the arc on which the beam stands) and
-interface (wetted boundary of the beam).  The same gmsh writes the same file; configs/meshes/README.md has the commands.
+Surfaces fluid and beam; curves inlet, outlet, walls, cylinder (wetted arc), root (the arc on which
+the beam stands) and interface (wetted boundary of the beam).  The same gmsh writes the same file;
+configs/meshes/README.md has the commands.
 """
 
 from math import asin, cos, hypot, pi, sin
@@ -16,17 +18,31 @@ ROOT = asin(HALF / RADIUS)  # half the angle of the arc on which the beam stands
 SIDE, THICKNESS = 56, 4  # elements along a side of the beam and over its thickness at level 0
 CLUSTER = 0.3  # size at root and tip over the size at half length: both ends are singular
 NARROW = 0.4  # at the tip: size at the corners over the size at the middle
-WALL, CORNER, GROWTH = 0.01, 0.0025, 0.22  # size at cylinder and beam, at the tip's corners [m], its growth with the distance [-]
-WAKE, FAR, WAKE_END = 0.03, 0.07, 1.5  # largest size up to the end of the wake, at the outlet [m], and that end [m]
+WALL, CORNER, GROWTH = (
+    0.01,
+    0.0025,
+    0.22,
+)  # size at cylinder and beam, at the tip's corners [m], its growth with the distance [-]
+WAKE, FAR, WAKE_END = (
+    0.03,
+    0.07,
+    1.5,
+)  # largest size up to the end of the wake, at the outlet [m], and that end [m]
 
 
 def size(x, y):
-    """Return the element size of level 0 [m]: smallest at the corners of the tip, moderate in the wake, growing to the outlet."""
+    """Return the element size of level 0 [m]: smallest at the corners of the tip, moderate in the
+    wake, growing to the outlet.
+    """
     cylinder = hypot(x - CENTRE[0], y - CENTRE[1]) - RADIUS
     beam = hypot(max(CENTRE[0] - x, x - TIP, 0.0), max(abs(y - CENTRE[1]) - HALF, 0.0))
     corner = min(hypot(x - TIP, y - CENTRE[1] - offset) for offset in (-HALF, HALF))
     behind = max(x - WAKE_END, 0.0) / (LENGTH - WAKE_END)
-    return min(WALL + GROWTH * max(min(cylinder, beam), 0.0), CORNER + GROWTH * corner, WAKE + behind * (FAR - WAKE))
+    return min(
+        WALL + GROWTH * max(min(cylinder, beam), 0.0),
+        CORNER + GROWTH * corner,
+        WAKE + behind * (FAR - WAKE),
+    )
 
 
 def polyline(points):
@@ -36,18 +52,27 @@ def polyline(points):
 
 def circle_points(angles):
     """Return points of the cylinder at angles from the x axis [rad]."""
-    return [gmsh.model.geo.addPoint(CENTRE[0] + RADIUS * cos(a), CENTRE[1] + RADIUS * sin(a), 0.0) for a in angles]
+    return [
+        gmsh.model.geo.addPoint(CENTRE[0] + RADIUS * cos(a), CENTRE[1] + RADIUS * sin(a), 0.0)
+        for a in angles
+    ]
 
 
 def structure(level, beam, sides, root, corners):
-    """Make the beam a grid of alternating diagonals, its elements smallest at root and tip, and there at the corners."""
+    """Make the beam a grid of alternating diagonals, its elements smallest at root and tip, and
+    there at the corners.
+    """
     mesh = gmsh.model.geo.mesh
     low, *tip, high = sides
     along, across = (round(number * 2**level) for number in (SIDE, THICKNESS))
-    steps = max(across // 2 - 1, 1)  # from element to element of half the tip; a single one has none
+    steps = max(
+        across // 2 - 1, 1
+    )  # from element to element of half the tip; a single one has none
     for side in (low, high):
         mesh.setTransfiniteCurve(side, along + 1, "Bump", CLUSTER)
-    for half, first_to_last in zip(tip, (1 / NARROW, NARROW), strict=True):  # from the lower corner, to the upper one
+    for half, first_to_last in zip(
+        tip, (1 / NARROW, NARROW), strict=True
+    ):  # from the lower corner, to the upper one
         mesh.setTransfiniteCurve(half, across // 2 + 1, "Progression", first_to_last ** (1 / steps))
     mesh.setTransfiniteCurve(root, across + 1)
     mesh.setTransfiniteSurface(beam, "Alternate", corners)
@@ -60,8 +85,13 @@ def geometry(level):
     bottom, outlet, top, inlet = polyline(box + box[:1])
     centre = geo.addPoint(*CENTRE, 0.0)
     on_circle = circle_points([ROOT, pi / 2, pi, 1.5 * pi, -ROOT])
-    arcs = [geo.addCircleArc(a, centre, b) for a, b in zip(on_circle, on_circle[1:] + on_circle[:1], strict=True)]
-    ends = [geo.addPoint(TIP, CENTRE[1] + offset, 0.0) for offset in (-HALF, 0.0, HALF)]  # the middle one is A
+    arcs = [
+        geo.addCircleArc(a, centre, b)
+        for a, b in zip(on_circle, on_circle[1:] + on_circle[:1], strict=True)
+    ]
+    ends = [
+        geo.addPoint(TIP, CENTRE[1] + offset, 0.0) for offset in (-HALF, 0.0, HALF)
+    ]  # the middle one is A
     sides = polyline([on_circle[-1], *ends, on_circle[0]])
     hole = geo.addCurveLoop([*arcs[:-1], *sides])
     fluid = geo.addPlaneSurface([geo.addCurveLoop([bottom, outlet, top, inlet]), hole])
@@ -69,17 +99,29 @@ def geometry(level):
     structure(level, beam, sides, arcs[-1], [on_circle[-1], ends[0], ends[2], on_circle[0]])
     geo.synchronize()
     curves = {"inlet": [inlet], "outlet": [outlet], "walls": [bottom, top]}
-    return curves | {"cylinder": arcs[:-1], "root": arcs[-1:], "interface": sides}, {"fluid": [fluid], "beam": [beam]}
+    return curves | {"cylinder": arcs[:-1], "root": arcs[-1:], "interface": sides}, {
+        "fluid": [fluid],
+        "beam": [beam],
+    }
 
 
 def channel(level, part):
-    """Build the surfaces with their element sizes; return curves and surfaces of the part by name."""
+    """Build the surfaces with their element sizes; return curves and surfaces of the part by
+    name.
+    """
     groups = geometry(level)
     for option in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
     gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, *_: size(x, y) / 2**level)
-    unwanted = {"fluid": ("beam", "root"), "solid": ("fluid", "inlet", "outlet", "walls", "cylinder"), "both": ()}[part]
-    return ({name: members for name, members in named.items() if name not in unwanted} for named in groups)
+    unwanted = {
+        "fluid": ("beam", "root"),
+        "solid": ("fluid", "inlet", "outlet", "walls", "cylinder"),
+        "both": (),
+    }[part]
+    return (
+        {name: members for name, members in named.items() if name not in unwanted}
+        for named in groups
+    )
 
 
 def main():

@@ -1,6 +1,8 @@
-"""Write configs/tables/mandel_top.csv: the exact settlement of the plate of the scene `mandel` over time.
+"""Write configs/tables/mandel_top.csv: the exact settlement of the plate of the scene `mandel` over
+time.
 
-A rigid plate is no boundary condition of the package: the scene prescribes how it moves, and is judged by all else.
+A rigid plate is no boundary condition of the package: the scene prescribes how it moves, and is
+judged by all else.
 """
 
 from pathlib import Path
@@ -10,13 +12,19 @@ import numpy as np
 from porofsi_petsc.exact import Mandel
 
 TABLE = Path(__file__).resolve().parents[1] / "configs" / "tables" / "mandel_top.csv"
-SLAB = Mandel(force=1e4, half_width=1.0, lam=4e6, mu=6e6, diffusivity=1e-4 * 16e6 / 1e4)  # the scene's material
+SLAB = Mandel(
+    force=1e4, half_width=1.0, lam=4e6, mu=6e6, diffusivity=1e-4 * 16e6 / 1e4
+)  # the scene's material
 HALF_HEIGHT = 0.5  # [m]
-TIMES = np.geomspace(1e-4, 10.0, 231)  # [s]: rows 5 % apart, linear between them to 1e-4 of the change
+TIMES = np.geomspace(
+    1e-4, 10.0, 231
+)  # [s]: rows 5 % apart, linear between them to 1e-4 of the change
 
 
 def table():
-    """Return the rows t [s], u_y [m] of the upper plate: at rest at t = 0, then as under the sudden force."""
+    """Return the rows t [s], u_y [m] of the upper plate: at rest at t = 0, then as under the sudden
+    force.
+    """
     moving = [(t, SLAB.displacement_y(HALF_HEIGHT, t)) for t in TIMES]
     return np.array([(0.0, 0.0), *moving])
 

@@ -1,4 +1,6 @@
-"""Write configs/meshes/pulse2d.msh: the block of the pulse scenes, T6, graded toward the load strip (needs the gmsh module)."""
+"""Write configs/meshes/pulse2d.msh: the block of the pulse scenes, T6, graded toward the load strip
+(needs the gmsh module).
+"""
 
 from pathlib import Path
 
@@ -12,7 +14,9 @@ MESH = Path(__file__).resolve().parents[1] / "configs" / "meshes" / "pulse2d.msh
 
 
 def outline():
-    """Return the curves of the outline, counter-clockwise from the lower left corner, and the surface."""
+    """Return the curves of the outline, counter-clockwise from the lower left corner, and the
+    surface.
+    """
     geo = gmsh.model.geo
     top = [21.0, 15.5, 11.0, 10.5, 10.0, 0.0]
     corners = [(0.0, 0.0), (WIDTH, 0.0)] + [(x, HEIGHT) for x in top]
@@ -28,7 +32,8 @@ def outline():
 def name_groups(lines, surface):
     """Name the surface and every part of the boundary."""
     bottom, right, *top, left = lines
-    strip, rest = top[2:4], top[:2] + top[4:]
+    strip = top[2:4]
+    rest = top[:2] + top[4:]
     groups = {"bottom": [bottom], "right": [right], "top": rest, "strip": strip, "left": [left]}
     gmsh_file.name_groups(1, groups)
     gmsh_file.name_groups(2, {"body": [surface]})
@@ -37,9 +42,16 @@ def name_groups(lines, surface):
 def grade(strip):
     """Let the element size grow with the distance from the strip."""
     field = gmsh.model.mesh.field
-    distance, size = field.add("Distance"), field.add("Threshold")
+    distance = field.add("Distance")
+    size = field.add("Threshold")
     field.setNumbers(distance, "CurvesList", strip)
-    for name, value in {"InField": distance, "SizeMin": FINE, "SizeMax": COARSE, "DistMin": 1.2, "DistMax": 16.0}.items():
+    for name, value in {
+        "InField": distance,
+        "SizeMin": FINE,
+        "SizeMax": COARSE,
+        "DistMin": 1.2,
+        "DistMax": 16.0,
+    }.items():
         field.setNumber(size, name, value)
     field.setAsBackgroundMesh(size)
     for option in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):

@@ -10,7 +10,9 @@ from porofsi_petsc.studies.bodies import sector
 def main():
     """Write the mesh that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cells", type=int, default=5, help="layers of elements between middle and surface")
+    parser.add_argument(
+        "--cells", type=int, default=5, help="layers of elements between middle and surface"
+    )
     parser.add_argument("--order", type=int, choices=(1, 2), default=2)
     parser.add_argument("--output", type=Path, required=True, help="mesh file (.msh 2.2)")
     options = parser.parse_args()

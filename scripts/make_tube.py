@@ -1,21 +1,30 @@
-"""Write a quarter of an elastic tube with fluid in it, extruded along the axis z (pressure wave in an artery)."""
+"""Write a quarter of an elastic tube with fluid in it, extruded along the axis z (pressure wave in
+an artery).
+"""
 
 import gmsh
 import gmsh_file
 
 RADII, LENGTH = (0.005, 0.006), 0.05  # inside and outside [m]
 SIZE = 0.0022  # of the triangles around the axis [m]
-AROUND, THROUGH, ALONG = 4, 1, 24  # elements of level 0 over the quarter circle, the wall and the length
+AROUND, THROUGH, ALONG = (
+    4,
+    1,
+    24,
+)  # elements of level 0 over the quarter circle, the wall and the length
 
 
 def cross_section(level):
     """Build the quarter of lumen and wall at z = 0 and return their surfaces."""
-    geo, n = gmsh.model.geo, 2**level
+    geo = gmsh.model.geo
+    n = 2**level
     centre = geo.addPoint(0, 0, 0, SIZE / n)
     right = [geo.addPoint(r, 0, 0, SIZE / n) for r in RADII]
     top = [geo.addPoint(0, r, 0, SIZE / n) for r in RADII]
     arcs = [geo.addCircleArc(a, centre, b) for a, b in zip(right, top, strict=True)]
-    bottom, left = ([geo.addLine(*pair) for pair in ((centre, side[0]), side)] for side in (right, top))
+    bottom, left = (
+        [geo.addLine(*pair) for pair in ((centre, side[0]), side)] for side in (right, top)
+    )
     lumen = geo.addPlaneSurface([geo.addCurveLoop([bottom[0], arcs[0], -left[0]])])
     wall = geo.addPlaneSurface([geo.addCurveLoop([bottom[1], arcs[1], -left[1], -arcs[0]])])
     for arc in arcs:
@@ -28,16 +37,28 @@ def cross_section(level):
 
 def geometry(level):
     """Build the tube; return its surfaces and its volumes by name."""
-    geo, surfaces, volumes = gmsh.model.geo, {}, {}
+    geo = gmsh.model.geo
+    surfaces = {}
+    volumes = {}
     lumen, wall = cross_section(level)
     swept = {
-        name: geo.extrude([(2, part)], 0, 0, LENGTH, [ALONG * 2**level]) for name, part in (("fluid", lumen), ("wall", wall))
+        name: geo.extrude([(2, part)], 0, 0, LENGTH, [ALONG * 2**level])
+        for name, part in (("fluid", lumen), ("wall", wall))
     }
     geo.synchronize()
-    # extruded: end, volume, then the sides in the order of the loop: y = 0, outer arc, x = 0 (, inner arc)
-    for name, start, ends in (("fluid", lumen, ("inlet", "outlet")), ("wall", wall, ("wall_inlet", "wall_outlet"))):
+    # extruded: end, volume, then the sides in the order of the loop: y = 0, outer arc, x = 0 (,
+    # inner arc)
+    for name, start, ends in (
+        ("fluid", lumen, ("inlet", "outlet")),
+        ("wall", wall, ("wall_inlet", "wall_outlet")),
+    ):
         end, volume, bottom, outer, left = (tag for _, tag in swept[name][:5])
-        surfaces |= {ends[0]: [start], ends[1]: [end], f"{name}_bottom": [bottom], f"{name}_left": [left]}
+        surfaces |= {
+            ends[0]: [start],
+            ends[1]: [end],
+            f"{name}_bottom": [bottom],
+            f"{name}_left": [left],
+        }
         surfaces["interface" if name == "fluid" else "outside"] = [outer]
         volumes[name] = [volume]
     return surfaces, volumes

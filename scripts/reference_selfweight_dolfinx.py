@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""End state of configs/selfweight2d.toml by another program: the drained skeleton under its weight, solved by dolfinx.
+"""End state of configs/selfweight2d.toml by another program: the drained skeleton under its weight,
+solved by dolfinx.
 
 Needs dolfinx (0.11: `pip install dolfinx-solver-real` on Python 3.12), not this package:
 
     python scripts/reference_selfweight_dolfinx.py
 
-The three levels of the printed displacements converge with the order of the corners of the base; their extrapolation by the
-ratio of the last two differences is what the scene's [[expect]] names.
+The three levels of the printed displacements converge with the order of the corners of the base;
+their extrapolation by the ratio of the last two differences is what the scene's [[expect]] names.
 """
 
 import numpy as np
@@ -24,14 +25,21 @@ POINTS = {"T.u_y": ((0.5, 1.0), 1), "P3.u_y": ((0.5, 0.5), 1), "R.u_x": ((1.0, 0
 
 
 def problem(n):
-    """Return displacement, load, residual and tangent forms and the boundary condition on n x n crossed squares, quadratic."""
+    """Return displacement, load, residual and tangent forms and the boundary condition on n x n
+    crossed squares, quadratic.
+    """
     square = mesh.create_unit_square(MPI.COMM_SELF, n, n, diagonal=mesh.DiagonalType.crossed)
     V = fem.functionspace(square, ("Lagrange", 2, (2,)))
-    u, load = fem.Function(V), fem.Constant(square, PETSc.ScalarType(0.0))
+    u = fem.Function(V)
+    load = fem.Constant(square, PETSc.ScalarType(0.0))
     F = ufl.Identity(2) + ufl.grad(u)
     J = ufl.det(F)
-    energy = MU / 2 * (ufl.tr(F.T * F) - 2) - MU * ufl.ln(J) + LAMBDA / 2 * ufl.ln(J) ** 2 + load * u[1]
-    residual = ufl.derivative(energy * ufl.dx(metadata={"quadrature_degree": 6}), u, ufl.TestFunction(V))
+    energy = (
+        MU / 2 * (ufl.tr(F.T * F) - 2) - MU * ufl.ln(J) + LAMBDA / 2 * ufl.ln(J) ** 2 + load * u[1]
+    )
+    residual = ufl.derivative(
+        energy * ufl.dx(metadata={"quadrature_degree": 6}), u, ufl.TestFunction(V)
+    )
     tangent = ufl.derivative(residual, u, ufl.TrialFunction(V))
     base = mesh.locate_entities_boundary(square, 1, lambda x: np.isclose(x[1], 0))
     held = fem.dirichletbc(np.zeros(2), fem.locate_dofs_topological(V, 1, base), V)
@@ -65,8 +73,13 @@ def displacements(n):
         load.value = WEIGHT * part
         newton(u, residual, tangent, held)
     X = u.function_space.tabulate_dof_coordinates()[:, :2]
-    nodes = {name: int(np.argmin(np.linalg.norm(X - point, axis=1))) for name, (point, _) in POINTS.items()}
-    return np.array([u.x.array[2 * nodes[name] + component] for name, (_, component) in POINTS.items()])
+    nodes = {
+        name: int(np.argmin(np.linalg.norm(X - point, axis=1)))
+        for name, (point, _) in POINTS.items()
+    }
+    return np.array(
+        [u.x.array[2 * nodes[name] + component] for name, (_, component) in POINTS.items()]
+    )
 
 
 def main():

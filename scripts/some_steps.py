@@ -1,4 +1,6 @@
-"""Some steps of a scene with PETSc options, timed: what the benches of solvers and of the coupling's start share."""
+"""Some steps of a scene with PETSc options, timed: what the benches of solvers and of the
+coupling's start share.
+"""
 
 import time
 from contextlib import contextmanager
@@ -9,7 +11,9 @@ from porofsi_petsc import Simulation
 
 @dataclass
 class Steps:
-    """The coupling, the sweeps of every step, and the CPU seconds of all of them on this rank, without the start."""
+    """The coupling, the sweeps of every step, and the CPU seconds of all of them on this rank,
+    without the start.
+    """
 
     coupling: object
     sweeps: list = field(default_factory=list)
@@ -23,12 +27,14 @@ class Steps:
 
 @contextmanager
 def some_steps(scene, count, words=()):
-    """Do `count` steps of a scene and lend them as `Steps`; the solvers are freed afterwards (collective).
+    """Do `count` steps of a scene and lend them as `Steps`; the solvers are freed afterwards
+    (collective).
 
     words : PETSc options, like those of the command line; ConvergenceError where a step fails.
     """
     with Simulation.from_scene(scene, petsc_options=words) as simulation:
-        done, schemes = Steps(simulation.coupling), simulation.loop.clock.schemes(scene.model, scene.time.step)
+        done = Steps(simulation.coupling)
+        schemes = simulation.loop.clock.schemes(scene.model, scene.time.step)
         start = time.process_time()
         for step in range(count):
             done.coupling.step(*schemes, step * scene.time.step, step + 1)

@@ -1,9 +1,10 @@
-"""Bend the beam of the Hron-Turek channel and print the smallest volume ratio of the mesh by law and stiffening.
+"""Bend the beam of the Hron-Turek channel and print the smallest volume ratio of the mesh by law
+and stiffening.
 
 python scripts/study_mesh_motion.py [--mesh FILE] [--tip 0.083]
 
-The beam takes the shape of a clamped one under a uniform load, w = tip (s⁴ - 4 s³ + 6 s²)/3 over its length, its cross sections
-turned with it: about that of FSI2, whose largest excursion is 83 mm.
+The beam takes the shape of a clamped one under a uniform load, w = tip (s⁴ - 4 s³ + 6 s²)/3 over
+its length, its cross sections turned with it: about that of FSI2, whose largest excursion is 83 mm.
 """
 
 import argparse
@@ -21,7 +22,8 @@ from porofsi_petsc.simulation.simulation import Simulation
 from porofsi_petsc.studies.table import markdown
 
 ROOT, AXIS, LENGTH = 0.25, 0.2, 0.35  # start, height and length of the beam [m]
-LAWS, EXPONENTS = ("harmonic", "linear_elastic", "neo_hookean"), (0.0, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
+LAWS = ("harmonic", "linear_elastic", "neo_hookean")
+EXPONENTS = (0.0, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
 PARTS = 8  # of the motion, for the law that is not linear
 
 
@@ -35,7 +37,9 @@ def bent(X, tip):
 
 
 def smallest_ratio(options, tip):
-    """Return the smallest volume ratio of the mesh under the bent beam, None where one is inverted."""
+    """Return the smallest volume ratio of the mesh under the bent beam, None where one is
+    inverted.
+    """
     scene = load_scene("hron_turek_fsi2", options)
     mesh = local_mesh(scene, MPI.COMM_WORLD)
     coupling = Simulation(scene, mesh=mesh).coupling
@@ -54,14 +58,19 @@ def smallest_ratio(options, tip):
 def main():
     """Print the table that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--mesh", type=Path, help="of the channel; that of the scene hron_turek_fsi2 without")
+    parser.add_argument(
+        "--mesh", type=Path, help="of the channel; that of the scene hron_turek_fsi2 without"
+    )
     parser.add_argument("--tip", type=float, default=0.083, help="deflection of the tip [m]")
     options = parser.parse_args()
     start()
     given = (f"mesh.path={options.mesh}",) if options.mesh else ()
     rows = []
     for law in LAWS:
-        changes = [(*given, f"mesh_motion.law={law}", f"mesh_motion.stiffening={exponent}") for exponent in EXPONENTS]
+        changes = [
+            (*given, f"mesh_motion.law={law}", f"mesh_motion.stiffening={exponent}")
+            for exponent in EXPONENTS
+        ]
         ratios = [smallest_ratio(change, options.tip) for change in changes]
         rows.append([law, *("inverted" if ratio is None else f"{ratio:.2f}" for ratio in ratios)])
     print(markdown(["law", *(f"χ = {exponent:g}" for exponent in EXPONENTS)], rows))

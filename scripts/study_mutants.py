@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Change single operators and constants of formulas and see whether the tests notice: a sample of mutants, seeded.
+"""Change single operators and constants of formulas and see whether the tests notice: a sample of
+mutants, seeded.
 
 scripts/study_mutants.py [--count N] [--seed S] [--output docs/studies/mutants.csv]
 
-Every mutant is the package with one change in one of the files below; the tests named beside the file run on it until one fails.
-The table has a line for each mutant; what survives is a formula that no test judges, or a change that changes nothing.
+Every mutant is the package with one change in one of the files below; the tests named beside the
+file run on it until one fails. The table has a line for each mutant; what survives is a formula
+that no test judges, or a change that changes nothing.
 """
 
 import argparse
@@ -27,19 +29,39 @@ PACKAGE = "porofsi_petsc"
 TARGETS = {
     "materials/permeability.py": ["test_permeability.py"],
     "materials/porous.py": ["test_permeability.py", "test_porous_flag.py"],
-    "materials/elastic.py": ["test_kernels.py", "test_exact.py", "-k", "stress or law or strain or confined"],
+    "materials/elastic.py": [
+        "test_kernels.py",
+        "test_exact.py",
+        "-k",
+        "stress or law or strain or confined",
+    ],
     "kernels/stabilization.py": ["test_stabilization.py"],
     "simulation/measures.py": ["test_measures.py", "test_auto_model.py"],
 }
-OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.MatMult: ast.Mult}
-COMPARISONS = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
+OPERATORS = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.MatMult: ast.Mult,
+}
+COMPARISONS = {
+    ast.Lt: ast.GtE,
+    ast.LtE: ast.Gt,
+    ast.Gt: ast.LtE,
+    ast.GtE: ast.Lt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+}
 CALLS = {"maximum": "minimum", "minimum": "maximum", "max": "min", "min": "max"}
 TIMEOUT = 900  # [s] of the tests of one mutant
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the file below the package, its line, what stood there and what stands there now, and the new source."""
+    """One change: the file below the package, its line, what stood there and what stands there now,
+    and the new source.
+    """
 
     file: str
     line: int
@@ -73,7 +95,8 @@ def _arguments() -> argparse.Namespace:
 
 def sample(count: int, seed: int) -> list[Mutant]:
     """Return a sample with the same number from every file (where it has so many)."""
-    rng, share = random.Random(seed), -(-count // len(TARGETS))
+    rng = random.Random(seed)
+    share = -(-count // len(TARGETS))
     chosen = []
     for file in TARGETS:
         found = list(mutants_of(file, (ROOT / PACKAGE / file).read_text(encoding="utf-8")))
@@ -89,7 +112,8 @@ def mutants_of(file: str, source: str) -> Iterator[Mutant]:
             changed = copy.deepcopy(tree)
             target = _node(changed, number)
             change(target)
-            before, after = ast.unparse(node), ast.unparse(target)
+            before = ast.unparse(node)
+            after = ast.unparse(target)
             yield Mutant(file, node.lineno, before, after, ast.unparse(changed))
 
 
@@ -139,7 +163,9 @@ def killed(mutant: Mutant, folder: Path) -> bool:
     tests = [f"tests/{word}" if word.endswith(".py") else word for word in TARGETS[mutant.file]]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     try:
-        result = subprocess.run(command, cwd=copy_of, env=environment, capture_output=True, text=True, timeout=TIMEOUT)
+        result = subprocess.run(
+            command, cwd=copy_of, env=environment, capture_output=True, text=True, timeout=TIMEOUT
+        )
     except subprocess.TimeoutExpired:
         return True
     return result.returncode != 0
@@ -147,7 +173,12 @@ def killed(mutant: Mutant, folder: Path) -> bool:
 
 def row(mutant: Mutant, is_killed: bool) -> dict[str, str | int]:
     """Return the line of the table and print it."""
-    line = {"file": mutant.file, "line": mutant.line, "before": mutant.before, "after": mutant.after}
+    line = {
+        "file": mutant.file,
+        "line": mutant.line,
+        "before": mutant.before,
+        "after": mutant.after,
+    }
     line["killed"] = "yes" if is_killed else "no"
     print(*line.values(), sep=" | ", flush=True)
     return line

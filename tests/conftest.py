@@ -1,11 +1,15 @@
-"""Selection of the tests by the number of ranks; a failure on one rank ends the parallel job instead of hanging it."""
+"""Selection of the tests by the number of ranks; a failure on one rank ends the parallel job
+instead of hanging it.
+"""
 
 import os
 import sys
 
 import pytest
 
-RANKS = int(next((os.environ[key] for key in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE") if key in os.environ), 1))
+RANKS = int(
+    next((os.environ[key] for key in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE") if key in os.environ), 1)
+)
 
 
 def pytest_collection_modifyitems(config, items):
@@ -22,7 +26,10 @@ def pytest_runtest_logreport(report):
         from mpi4py import MPI
 
         print(
-            f"\nrank {MPI.COMM_WORLD.rank} of {RANKS}: {report.nodeid} failed\n{report.longreprtext}", file=sys.stderr, flush=True
+            f"\nrank {MPI.COMM_WORLD.rank} of {RANKS}: {report.nodeid}"
+            f" failed\n{report.longreprtext}",
+            file=sys.stderr,
+            flush=True,
         )
         MPI.COMM_WORLD.Abort(1)
 

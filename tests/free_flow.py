@@ -1,7 +1,9 @@
-"""Manufactured flows of a free fluid: velocity from a stream function, body force and traction by sympy, on a moving mesh.
+"""Manufactured flows of a free fluid: velocity from a stream function, body force and traction by
+sympy, on a moving mesh.
 
-The Navier-Stokes equations are written out once more, in the space-fixed frame: on a mesh that moves they are only evaluated
-where its points are.  A scene gets boundary and initial values as formulas of the reference position, as a user writes them.
+The Navier-Stokes equations are written out once more, in the space-fixed frame: on a mesh that
+moves they are only evaluated where its points are.  A scene gets boundary and initial values as
+formulas of the reference position, as a user writes them.
 """
 
 from dataclasses import dataclass, replace
@@ -24,9 +26,11 @@ NORMALS = {"left": (-1, 0), "bottom": (0, -1), "right": (1, 0), "top": (0, 1)}
 
 @dataclass(frozen=True)
 class Flow:
-    """Stream function ψ [m²/s] and pressure p [Pa] of place and time; displacement of the mesh, (2,) [m], of X and time.
+    """Stream function ψ [m²/s] and pressure p [Pa] of place and time; displacement of the mesh,
+    (2,) [m], of X and time.
 
-    The motion starts from rest; only its values on the boundary are used, the rest is for the law of the mesh.
+    The motion starts from rest; only its values on the boundary are used, the rest is for the law
+    of the mesh.
     open : the sides with a given traction, the others have a given velocity
     """
 
@@ -45,7 +49,9 @@ class Flow:
         """Return the functions of b = ∂v/∂t + v·∇v + (∇p - μ Δv)/ρ [m/s²]."""
         laplacian = self.v.applyfunc(lambda f: f.diff(x, 2) + f.diff(y, 2))
         pressure = sp.Matrix([self.p.diff(x), self.p.diff(y)])
-        return functions(self.v.diff(t) + self.v.jacobian([x, y]) * self.v + (pressure - MU * laplacian) / RHO)
+        return functions(
+            self.v.diff(t) + self.v.jacobian([x, y]) * self.v + (pressure - MU * laplacian) / RHO
+        )
 
     @cached_property
     def exact(self):
@@ -54,7 +60,8 @@ class Flow:
 
     def traction(self, side):
         """Return σ cof(F) N per reference area at a place, (2,) [Pa]."""
-        F, gradient = sp.eye(2) + sp.Matrix(self.motion).jacobian([x, y]), self.v.jacobian([x, y])
+        F = sp.eye(2) + sp.Matrix(self.motion).jacobian([x, y])
+        gradient = self.v.jacobian([x, y])
         stress = -self.p * sp.eye(2) + MU * (gradient + gradient.T)
         cofactor = sp.Matrix([[F[1, 1], -F[1, 0]], [-F[0, 1], F[0, 0]]])
         return self._on_mesh(stress) * cofactor * sp.Matrix(NORMALS[side])
@@ -69,8 +76,14 @@ class Flow:
         given = {side: f"velocity={velocity}" for side in NORMALS}
         given |= {side: f"traction={_vector(self.traction(side))}" for side in self.open}
         moves = _vector(self.motion)
-        sides = [f"{{on='{side}', {condition}, displacement={moves}}}" for side, condition in given.items()]
-        start = f"fluid_velocity={_vector(self.v.subs(t, 0))}, pressure='{sp.sympify(self.p).subs(t, 0)}'"
+        sides = [
+            f"{{on='{side}', {condition}, displacement={moves}}}"
+            for side, condition in given.items()
+        ]
+        start = (
+            f"fluid_velocity={_vector(self.v.subs(t, 0))},"
+            f" pressure='{sp.sympify(self.p).subs(t, 0)}'"
+        )
         return f"boundary=[{', '.join(sides)}]", f"initial={{{start}}}"
 
 
@@ -86,7 +99,8 @@ def at(functions, time, points):
 
 
 def solved(flow, *options, disturbance=0.0):
-    """Return the coupling of the scene of a flow at its end; the rate of v_f at t = 0 is the exact one.
+    """Return the coupling of the scene of a flow at its end; the rate of v_f at t = 0 is the exact
+    one.
 
     disturbance : random part of the values with which the iteration of every step starts
     """
@@ -99,7 +113,9 @@ def solved(flow, *options, disturbance=0.0):
     fluid.reset()
     _disturb(coupling, disturbance)
     for step, (time, schemes, rates) in enumerate(steps_to_end(scene), 1):
-        coupling.motion.begin_step(schemes[0], time)  # the sources want to know where the mesh will be
+        coupling.motion.begin_step(
+            schemes[0], time
+        )  # the sources want to know where the mesh will be
         coupling.motion.follow(coupling.solid.end_displacement)
         coupling.step(schemes, rates, time, step)
         coupling.accept()
@@ -107,8 +123,12 @@ def solved(flow, *options, disturbance=0.0):
 
 
 def _disturb(coupling, size):
-    """Let the iteration of every step start away from the prediction; what is prescribed stays so."""
-    fluid, begin, rng = coupling.fluid, coupling._begin, np.random.default_rng(2)
+    """Let the iteration of every step start away from the prediction; what is prescribed stays
+    so.
+    """
+    fluid = coupling.fluid
+    begin = coupling._begin
+    rng = np.random.default_rng(2)
     free = ~fluid._setup.mask[: fluid.mesh.n_owned]
 
     def begin_elsewhere(*arguments):
@@ -123,7 +143,8 @@ def _sources(flow, coupling):
 
     def component(f):
         def where_the_mesh_is(time, reference):
-            domain, motion = coupling.fluid.domain, coupling.motion
+            domain = coupling.fluid.domain
+            motion = coupling.motion
             u = motion.skeleton().displacement
             points = domain.mass.N @ domain.gather(domain.mesh.X + u)
             return f(time, points.reshape(-1, 2))
@@ -135,9 +156,13 @@ def _sources(flow, coupling):
 
 def errors(flow, coupling, time):
     """Return the relative L2 errors of v and p over the mesh at the end of the last step."""
-    domain, position = coupling.fluid.domain, coupling.fluid.mesh.X + coupling.motion.u
+    domain = coupling.fluid.domain
+    position = coupling.fluid.mesh.X + coupling.motion.u
     fields = {"v": coupling.fluid.v, "p": coupling.fluid.p[:, None]}
-    return {name: _error(domain, position, flow.exact[name], nodal, time) for name, nodal in fields.items()}
+    return {
+        name: _error(domain, position, flow.exact[name], nodal, time)
+        for name, nodal in fields.items()
+    }
 
 
 def _error(domain, position, exact, nodal, time):
@@ -145,4 +170,8 @@ def _error(domain, position, exact, nodal, time):
     coordinates = domain.gather(position)
     dV = geometry(rule, coordinates).dV[..., None]
     values = at(exact, time, rule.N @ coordinates)
-    return float(np.sqrt((((rule.N @ domain.gather(nodal) - values) ** 2) * dV).sum() / (values**2 * dV).sum()))
+    return float(
+        np.sqrt(
+            (((rule.N @ domain.gather(nodal) - values) ** 2) * dV).sum() / (values**2 * dV).sum()
+        )
+    )

@@ -7,8 +7,10 @@ import numpy as np
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import flow
 
-# Central differences of step h lose h² of truncation and eps/h of round-off: about 1e-9 relative at h = 1e-6 of the scale.
-FD_STEP, FD_TOLERANCE = 1e-6, 2e-7
+# Central differences of step h lose h² of truncation and eps/h of round-off: about 1e-9 relative at
+# h = 1e-6 of the scale.
+FD_STEP = 1e-6
+FD_TOLERANCE = 2e-7
 
 
 def central_difference(function, x):
@@ -18,7 +20,8 @@ def central_difference(function, x):
     for i in range(flat.shape[1]):
         step = np.zeros_like(flat)
         step[:, i] = FD_STEP
-        plus, minus = function((flat + step).reshape(x.shape)), function((flat - step).reshape(x.shape))
+        plus = function((flat + step).reshape(x.shape))
+        minus = function((flat - step).reshape(x.shape))
         columns.append((plus - minus).reshape(len(x), -1) / (2 * FD_STEP))
     return np.stack(columns, axis=-1)
 
@@ -29,15 +32,22 @@ def relative(a, b):
 
 
 def distorted(element, rng, count=3):
-    """Return coordinates (E, A, d) of elements a little away from the reference simplex (curved for order 2)."""
-    return element.node_coordinates + 0.06 * rng.standard_normal((count, element.nodes, element.dim))
+    """Return coordinates (E, A, d) of elements a little away from the reference simplex (curved for
+    order 2).
+    """
+    return element.node_coordinates + 0.06 * rng.standard_normal(
+        (count, element.nodes, element.dim)
+    )
 
 
 def flow_chunk(element, rng, mu, convection):
     """Return elements and fields of a random state with every coefficient of order one."""
     X = distorted(element, rng)
     rule = Rule.of(element, 2 * element.order)
-    E, Q, A, d = len(X), len(rule.weights), element.nodes, element.dim
+    E = len(X)
+    Q = len(rule.weights)
+    A = element.nodes
+    d = element.dim
 
     def points():
         return 0.5 + rng.random((E, Q))
@@ -45,21 +55,34 @@ def flow_chunk(element, rng, mu, convection):
     def nodal(*shape):
         return rng.standard_normal((E, A, *shape))
 
-    current, second, grad_n = geometry(rule, X), None, None
+    current = geometry(rule, X)
+    second = None
+    grad_n = None
     if mu and element.order == 2:
-        second, grad_n = SecondDerivatives.at(element, X, current, None), rng.standard_normal((E, Q, d))
+        second = SecondDerivatives.at(element, X, current, None)
+        grad_n = rng.standard_normal((E, Q, d))
     symmetric = rng.standard_normal((E, Q, d, d))
     elements = flow.FlowElements(
         N=rule.N, geometry=current, n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), tau_supg=points(),
         nu_lsic=points(), tau_u=symmetric @ np.swapaxes(symmetric, 2, 3),
         second=second, grad_n=grad_n, convection=convection, order=element.order,
     )  # fmt: skip
-    fields = dict(v=nodal(d), a=nodal(d), v_m=nodal(d), v_s=nodal(d), p=nodal(), p_n=nodal(), b=rng.standard_normal((E, Q, d)))
+    fields = dict(
+        v=nodal(d),
+        a=nodal(d),
+        v_m=nodal(d),
+        v_s=nodal(d),
+        p=nodal(),
+        p_n=nodal(),
+        b=rng.standard_normal((E, Q, d)),
+    )
     return elements, fields
 
 
 def free_chunk(element, rng, mu, convection):
-    """Return elements and fields of `flow_chunk` for a free fluid; what it must not read is NaN or None."""
+    """Return elements and fields of `flow_chunk` for a free fluid; what it must not read is NaN or
+    None.
+    """
     elements, fields = flow_chunk(element, rng, mu, convection)
     free = dict(n=np.ones_like(elements.n), S=None, tau_u=None, grad_n=None, free=True)
     return replace(elements, **free), {**fields, "v_s": None}

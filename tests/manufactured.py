@@ -1,8 +1,10 @@
-"""Manufactured solutions: sources derived by sympy from chosen fields, and the phases driven by them.
+"""Manufactured solutions: sources derived by sympy from chosen fields, and the phases driven by
+them.
 
-The fields are functions of the reference position and of time.  The total flux n_f v_f + n_s v_s is the Piola transform of the
-curl of a stream function ψ, so that the volume balance holds without a source; the momentum balances get body forces.  Nothing
-here uses the package's kernels or materials: the balances are written out once more.
+The fields are functions of the reference position and of time.  The total flux n_f v_f + n_s v_s is
+the Piola transform of the curl of a stream function ψ, so that the volume balance holds without a
+source; the momentum balances get body forces.  Nothing here uses the package's kernels or
+materials: the balances are written out once more.
 """
 
 from dataclasses import dataclass, replace
@@ -40,24 +42,32 @@ WIGGLE = 0.15  # of the cell size, by which the inner nodes of a distorted mesh 
 
 
 def functions(expressions):
-    """Return the functions f(t, points (n, 2)) -> (n,) of sympy expressions, which share their common terms."""
+    """Return the functions f(t, points (n, 2)) -> (n,) of sympy expressions, which share their
+    common terms.
+    """
     compiled = sp.lambdify((t, x, y), list(expressions), "numpy", cse=True)
 
     def component(i, time, points):
-        return np.broadcast_to(np.asarray(compiled(time, points[:, 0], points[:, 1])[i], float), len(points))
+        return np.broadcast_to(
+            np.asarray(compiled(time, points[:, 0], points[:, 1])[i], float), len(points)
+        )
 
     return [partial(component, i) for i in range(len(list(expressions)))]
 
 
 def inverse(matrix):
-    """Return the inverse of a (2, 2) matrix of expressions as it stands, without the simplifications of sympy's."""
+    """Return the inverse of a (2, 2) matrix of expressions as it stands, without the
+    simplifications of sympy's.
+    """
     (a, b), (c, d) = matrix.tolist()
     return sp.Matrix([[d, -b], [-c, a]]) / (a * d - b * c)
 
 
 @dataclass(frozen=True)
 class Fields:
-    """Displacement u (2,) [m], stream function ψ [m³/s per m] and pressure p [Pa], sympy expressions of x, y, t."""
+    """Displacement u (2,) [m], stream function ψ [m³/s per m] and pressure p [Pa], sympy
+    expressions of x, y, t.
+    """
 
     u: tuple
     psi: object
@@ -66,7 +76,9 @@ class Fields:
 
 @dataclass(frozen=True)
 class Manufactured:
-    """The balances of docs/physics.md at given fields with the terms of a scene's model; everything else is derived."""
+    """The balances of docs/physics.md at given fields with the terms of a scene's model; everything
+    else is derived.
+    """
 
     fields: Fields
     scene: object
@@ -108,12 +120,17 @@ class Manufactured:
     @cached_property
     def _drag(self):
         """Return S of Kozeny and Carman or of a constant permeability."""
-        n_f, n_f0 = 1 - (1 - self._material.porosity) / self._J, self._material.porosity
+        n_f = 1 - (1 - self._material.porosity) / self._J
+        n_f0 = self._material.porosity
         ratio = {
             "constant": 1,
             "kozeny_carman": (n_f / n_f0) ** 3 * ((1 - n_f0) / (1 - n_f)) ** 2,
         }[self._material.permeability.law]
-        return self._n_f**2 * self._material.fluid.specific_weight / (self._material.permeability.k * ratio)
+        return (
+            self._n_f**2
+            * self._material.fluid.specific_weight
+            / (self._material.permeability.k * ratio)
+        )
 
     @cached_property
     def _v_s(self):
@@ -145,7 +162,8 @@ class Manufactured:
     @cached_property
     def _effective_stress(self):
         """Return the first Piola stress of the neo-Hookean (ln J) or the linear law."""
-        lam, mu = self._material.solid.lambda_, self._material.solid.mu
+        lam = self._material.solid.lambda_
+        mu = self._material.solid.mu
         F = self._F
         if self._material.solid.law == "linear_elastic":
             strain = (F + F.T) / 2 - sp.eye(2)
@@ -153,8 +171,11 @@ class Manufactured:
         return mu * (F - inverse(F).T) + lam * sp.log(F.det()) * inverse(F).T
 
     def _skeleton_force(self, flow):
-        """Return ρ_s b per reference volume: inertia - div P (+ pressure and drag when flow is true)."""
-        P, rho = self._effective_stress, self._material.solid.density * (1 - self._material.porosity)
+        """Return ρ_s b per reference volume: inertia - div P (+ pressure and drag when flow is
+        true).
+        """
+        P = self._effective_stress
+        rho = self._material.solid.density * (1 - self._material.porosity)
         force = -sp.Matrix([P[i, :].T.jacobian(X).trace() for i in range(2)])
         if self._model.solid_inertia:
             force += rho * self._v_s.diff(t)
@@ -175,7 +196,8 @@ class Manufactured:
     @cached_property
     def fluid_body_force(self):
         """Return the functions of b on the fluid [m/s²]."""
-        rho, v = self._n_f * self._material.fluid.density, self._v_f
+        rho = self._n_f * self._material.fluid.density
+        v = self._v_f
         force = self._n_f * self._grad_p + self._drag * self._seepage / self._n_f
         if self._model.fluid_inertia:
             force += rho * v.diff(t)
@@ -188,7 +210,9 @@ class Manufactured:
         return functions(force / rho)
 
     def traction(self, side, flow=True):
-        """Return the functions of the traction per reference area, of the mixture or of the skeleton alone [Pa]."""
+        """Return the functions of the traction per reference area, of the mixture or of the
+        skeleton alone [Pa].
+        """
         total = self._effective_stress
         if flow:
             total -= self.fields.p * self._J * inverse(self._mesh_F).T
@@ -196,12 +220,20 @@ class Manufactured:
 
     def flux(self, side):
         """Return the function of the outward seepage flux per reference area [m/s]."""
-        return functions([(self._J * inverse(self._mesh_F) * self._seepage).dot(sp.Matrix(NORMALS[side]))])[0]
+        return functions(
+            [(self._J * inverse(self._mesh_F) * self._seepage).dot(sp.Matrix(NORMALS[side]))]
+        )[0]
 
     @cached_property
     def exact(self):
         """Return dict name -> functions of the fields and of their rates."""
-        fields = {"u": self._u, "v_s": self._v_s, "a_s": self._v_s.diff(t), "v_f": self._v_f, "a_f": self._v_f.diff(t)}
+        fields = {
+            "u": self._u,
+            "v_s": self._v_s,
+            "a_s": self._v_s.diff(t),
+            "v_f": self._v_f,
+            "a_f": self._v_f.diff(t),
+        }
         return {name: functions(field) for name, field in (fields | {"p": [self.fields.p]}).items()}
 
     def at(self, name, time, points):
@@ -209,12 +241,16 @@ class Manufactured:
         return np.column_stack([f(time, points) for f in self.exact[name]])
 
 
-# -- phases driven by the sources -----------------------------------------------------------------------------------------
+# -- phases driven by the sources ------------------------------------------------------------------
 
 
 def distorted(mesh, seed=7):
-    """Return a serial mesh whose inner vertices are moved by up to WIGGLE cells, mid-edge nodes staying in the middle."""
-    rng, cells, points = np.random.default_rng(seed), mesh.cells, mesh.points.copy()
+    """Return a serial mesh whose inner vertices are moved by up to WIGGLE cells, mid-edge nodes
+    staying in the middle.
+    """
+    rng = np.random.default_rng(seed)
+    cells = mesh.cells
+    points = mesh.points.copy()
     vertices = np.unique(cells[:, :3])
     inner = vertices[np.all((points[vertices] > 1e-12) & (points[vertices] < 1 - 1e-12), axis=1)]
     h = np.sqrt(2 / len(cells))
@@ -237,8 +273,11 @@ def entries(sides, functions):
 
 
 def skeleton_setup(truth, scene, domain, materials, flow=True):
-    """Return the `SolidSetup` with the sources of a solution, of the medium or of the skeleton alone: traction on the top."""
-    mesh, setup = domain.mesh, solid_setup(scene, domain, materials, Stopwatch())
+    """Return the `SolidSetup` with the sources of a solution, of the medium or of the skeleton
+    alone: traction on the top.
+    """
+    mesh = domain.mesh
+    setup = solid_setup(scene, domain, materials, Stopwatch())
     return replace(
         setup,
         body_force=dict(enumerate(truth.solid_body_force if flow else truth.dry_body_force)),
@@ -248,8 +287,11 @@ def skeleton_setup(truth, scene, domain, materials, flow=True):
 
 
 def flow_setup(truth, scene, domain, materials):
-    """Return the `FluidSetup` with the sources of a solution: pressure on the top, flux elsewhere, velocity if needed."""
-    mesh, setup = domain.mesh, fluid_setup(scene, domain, materials, Stopwatch())
+    """Return the `FluidSetup` with the sources of a solution: pressure on the top, flux elsewhere,
+    velocity if needed.
+    """
+    mesh = domain.mesh
+    setup = fluid_setup(scene, domain, materials, Stopwatch())
     needs_velocity = truth.scene.model.viscosity or truth.scene.model.convection
     return replace(
         setup,
@@ -261,7 +303,9 @@ def flow_setup(truth, scene, domain, materials):
 
 
 def put_at_start(truth, solid=None, fluid=None, as_scene=False):
-    """Give phases the exact state at t = 0; as_scene: accelerations and pressure are zero, as where a load is sudden."""
+    """Give phases the exact state at t = 0; as_scene: accelerations and pressure are zero, as where
+    a load is sudden.
+    """
     if solid is not None:
         points = solid.mesh.X
         solid.set_initial(truth.at("u", 0.0, points), truth.at("v_s", 0.0, points))
@@ -269,7 +313,9 @@ def put_at_start(truth, solid=None, fluid=None, as_scene=False):
         solid.reset()
     if fluid is not None:
         points = fluid.mesh.X
-        fluid.set_initial(truth.at("v_f", 0.0, points), 0.0 if as_scene else truth.at("p", 0.0, points)[:, 0])
+        fluid.set_initial(
+            truth.at("v_f", 0.0, points), 0.0 if as_scene else truth.at("p", 0.0, points)[:, 0]
+        )
         fluid.a[:] = 0.0 if as_scene else truth.at("a_f", 0.0, points)
         fluid.reset()
 
@@ -278,7 +324,8 @@ def steps_to_end(scene):
     """Yield (t, schemes, rates) of the steps of a scene."""
     clock = Clock(scene.time)
     while not clock.finished:
-        target, dt = clock.next_target(), clock.next_size()
+        target = clock.next_target()
+        dt = clock.next_size()
         yield clock.t, *clock.schemes(scene.model, dt)
         clock.advance(dt, target)
 
@@ -314,11 +361,15 @@ def solid_alone(truth, scene):
 def fluid_alone(truth, scene):
     """Return the fluid on a skeleton that moves as prescribed, at the end of the scene."""
     domain, materials = _domain(scene)
-    fluid = FluidPhase(replace(flow_setup(truth, scene, domain, materials), split="plain", has_auxiliary=False))
+    fluid = FluidPhase(
+        replace(flow_setup(truth, scene, domain, materials), split="plain", has_auxiliary=False)
+    )
     put_at_start(truth, fluid=fluid)
     for time, (_, scheme), rates in steps_to_end(scene):
         rates = Rates(rates.c_f, 0.0, 0.0)  # no skeleton that would answer
-        begin, middle = (prescribed_skeleton(truth, domain, time, scheme, part) for part in (0.0, scheme.alpha_f))
+        begin, middle = (
+            prescribed_skeleton(truth, domain, time, scheme, part) for part in (0.0, scheme.alpha_f)
+        )
         fluid.begin_step(scheme, rates, time, begin)
 
         def correct(residuals, rates=rates, skeleton=middle):
@@ -331,22 +382,35 @@ def fluid_alone(truth, scene):
 
 
 def prescribed_skeleton(truth, domain, time, scheme, part):
-    """Return the `Skeleton` at a part of the step: values between those at its ends, as the solid phase has them."""
-    X, end, moving = domain.mesh.X, time + scheme.dt, truth.scene.model.moving_mesh
-    u, v = ((1 - part) * truth.at(name, time, X) + part * truth.at(name, end, X) for name in ("u", "v_s"))
+    """Return the `Skeleton` at a part of the step: values between those at its ends, as the solid
+    phase has them.
+    """
+    X = domain.mesh.X
+    end = time + scheme.dt
+    moving = truth.scene.model.moving_mesh
+    u, v = (
+        (1 - part) * truth.at(name, time, X) + part * truth.at(name, end, X)
+        for name in ("u", "v_s")
+    )
     configuration = Configuration.at(domain, X + moving * u, truth.scene.model.viscosity)
     return Skeleton(configuration, v, truth.at("v_s", end, X), u, moving)
 
 
 def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
-    """Return the coupled phases at the end of the scene, built as every scene is but for the sources of the solution.
+    """Return the coupled phases at the end of the scene, built as every scene is but for the
+    sources of the solution.
 
-    as_scene : start as a scene does, see `put_at_start`; watch : called with the coupling after every step
+    as_scene : start as a scene does, see `put_at_start`; watch : called with the coupling after
+    every step
     """
     start()
     setups = {
-        "solid_setup": lambda scene, domain, materials, _: skeleton_setup(truth, scene, domain, materials),
-        "fluid_setup": lambda scene, domain, materials, _: flow_setup(truth, scene, domain, materials),
+        "solid_setup": lambda scene, domain, materials, _: skeleton_setup(
+            truth, scene, domain, materials
+        ),
+        "fluid_setup": lambda scene, domain, materials, _: flow_setup(
+            truth, scene, domain, materials
+        ),
         "_start": lambda medium, scene: None,  # the scene has not the initial state of the solution
     }
     with mock.patch.multiple(build, **setups):
@@ -367,7 +431,7 @@ def _domain(scene):
     return Domain(mesh), materials_of(scene, mesh)
 
 
-# -- errors and orders ----------------------------------------------------------------------------------------------------
+# -- errors and orders -----------------------------------------------------------------------------
 
 
 def l2_error(truth, domain, name, nodal, time):
@@ -381,10 +445,15 @@ def l2_error(truth, domain, name, nodal, time):
 
 
 def errors(truth, end, solid=None, fluid=None):
-    """Return dict field -> relative L2 error of the accepted state of the phases at the time `end`."""
+    """Return dict field -> relative L2 error of the accepted state of the phases at the time
+    `end`.
+    """
     found = {}
     if solid is not None:
-        found |= {name: l2_error(truth, solid.domain, name, field, end) for name, field in (("u", solid.u), ("v_s", solid.v))}
+        found |= {
+            name: l2_error(truth, solid.domain, name, field, end)
+            for name, field in (("u", solid.u), ("v_s", solid.v))
+        }
     if fluid is not None:
         fields = ("v_f", fluid.v), ("p", fluid.p[:, None])
         found |= {name: l2_error(truth, fluid.domain, name, field, end) for name, field in fields}
@@ -392,6 +461,8 @@ def errors(truth, end, solid=None, fluid=None):
 
 
 def orders(sequence, ratio=2.0):
-    """Return dict field -> (errors, orders between neighbours) of error dicts on refinements by a ratio."""
+    """Return dict field -> (errors, orders between neighbours) of error dicts on refinements by a
+    ratio.
+    """
     table = {name: np.array([found[name] for found in sequence]) for name in sequence[0]}
     return {name: (e, np.log(e[:-1] / e[1:]) / np.log(ratio)) for name, e in table.items()}

@@ -1,4 +1,6 @@
-"""Runs of scenes for the tests: in this process without figures, as a list of jobs under mpirun, or by the command line."""
+"""Runs of scenes for the tests: in this process without figures, as a list of jobs under mpirun, or
+by the command line.
+"""
 
 import importlib
 import json
@@ -24,7 +26,9 @@ needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpi
 
 @dataclass(frozen=True)
 class Job:
-    """One run: scene (file or shipped name), its changes, where it writes, what it continues, PETSc options."""
+    """One run: scene (file or shipped name), its changes, where it writes, what it continues, PETSc
+    options.
+    """
 
     scene: str
     directory: str
@@ -36,28 +40,51 @@ class Job:
 
 
 def run_here(job):
-    """Run a job in this process (on all its ranks) and return its summary; without figures and the expectations of the scene."""
+    """Run a job in this process (on all its ranks) and return its summary; without figures and the
+    expectations of the scene.
+    """
     from porofsi_petsc import run
 
     choices = {"restart": job.restart, "force": job.force, "quiet": True, "max_time": job.max_time}
     scene = load_scene(job.scene, ("expect=[]", *job.overrides))
-    with mock.patch.object(importlib.import_module("porofsi_petsc.simulation.run"), "make_figures", lambda directory: []):
+    with mock.patch.object(
+        importlib.import_module("porofsi_petsc.simulation.run"),
+        "make_figures",
+        lambda directory: [],
+    ):
         return run(scene, job.directory, petsc_options=job.petsc_options, **choices)
 
 
 def environment():
-    """Return the environment without what MPI has put there, so that mpirun starts afresh, and more ranks than cores give way."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))}
+    """Return the environment without what MPI has put there, so that mpirun starts afresh, and more
+    ranks than cores give way.
+    """
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))
+    }
     path = os.pathsep.join(filter(None, [str(ROOT), kept.get("PYTHONPATH")]))
-    launch = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
+    launch = {
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    }
     launch |= {"OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_mpi_yield_when_idle": "1"}
-    launch |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe", "PRTE_MCA_hwloc_default_binding_policy": "none"}
+    launch |= {
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "PRTE_MCA_hwloc_default_binding_policy": "none",
+    }
     return kept | launch | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
 
 
 def complete(words, timeout=120):
-    """Run a command to its end and return the completed process; end it, and with it all ranks, when it hangs [s]."""
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+    """Run a command to its end and return the completed process; end it, and with it all ranks,
+    when it hangs [s].
+    """
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
+    ) as process:
         try:
             out, err = process.communicate(timeout=timeout)
         except subprocess.TimeoutExpired:
@@ -70,14 +97,26 @@ def run_on(ranks, jobs, folder):
     """Run jobs one after the other in one parallel job."""
     todo = Path(folder) / f"jobs-{ranks}.json"
     todo.write_text(json.dumps([asdict(job) for job in jobs]))
-    result = complete(["mpirun", "-n", str(ranks), sys.executable, __file__, str(todo)], timeout=300)
+    result = complete(
+        ["mpirun", "-n", str(ranks), sys.executable, __file__, str(todo)], timeout=300
+    )
     assert result.returncode == 0, result.stdout + result.stderr
 
 
 def command(scene, directory, *arguments, ranks=None):
     """Return the command line of a run; arguments follow those of the output directory."""
     launcher = [] if ranks is None else ["mpirun", "-n", str(ranks)]
-    return [*launcher, sys.executable, "-m", "porofsi_petsc", "run", str(scene), "--output", str(directory), *arguments]
+    return [
+        *launcher,
+        sys.executable,
+        "-m",
+        "porofsi_petsc",
+        "run",
+        str(scene),
+        "--output",
+        str(directory),
+        *arguments,
+    ]
 
 
 def by_command_line(scene, directory, *arguments, ranks=None):
@@ -107,8 +146,14 @@ def state(checkpoint):
 
 
 def fields(checkpoint):
-    """Return `state` without the vectors of the accelerator, which are differences of iterates and at last round-off."""
-    return {name: array for name, array in state(checkpoint).items() if not name.startswith("accelerator.")}
+    """Return `state` without the vectors of the accelerator, which are differences of iterates and
+    at last round-off.
+    """
+    return {
+        name: array
+        for name, array in state(checkpoint).items()
+        if not name.startswith("accelerator.")
+    }
 
 
 def header(checkpoint):

@@ -1,4 +1,6 @@
-"""A saturated block under a load strip or patch for the tests of the solvers, and runs of its coupling without output."""
+"""A saturated block under a load strip or patch for the tests of the solvers, and runs of its
+coupling without output.
+"""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +18,9 @@ UNLIMITED = {name: "report" for name in ("strain", "mesh_displacement", "reynold
 
 @dataclass
 class Case:
-    """One block: n cells along an edge; dynamic or quasi-static, Darcy or Brinkman, small strain unless finite."""
+    """One block: n cells along an edge; dynamic or quasi-static, Darcy or Brinkman, small strain
+    unless finite.
+    """
 
     dim: int = 2
     order: int = 1
@@ -42,8 +46,10 @@ class Case:
                     "convection": self.finite and self.dynamic,
                 },
                 "limits": UNLIMITED,
-                "time": {"end": steps * self.dt, "step": self.dt, "rho_inf": 0.3}
-                | ({} if self.dynamic else {"scheme": "backward_euler"}),
+                "time": (
+                    {"end": steps * self.dt, "step": self.dt, "rho_inf": 0.3}
+                    | ({} if self.dynamic else {"scheme": "backward_euler"})
+                ),
                 "material": [self._material()],
                 "boundary": self._boundary(),
                 "coupling": self.coupling,
@@ -55,9 +61,21 @@ class Case:
         up = {"points": [0.0, 10.0], "cells": [self.n]}
         patch = {"name": "load", "side": "top", "x": [0.0, 5.0]}
         if self.dim == 2:
-            shape = {"kind": "rectangle", "x": axis, "y": up, "diagonal": "alternating", "patches": [patch]}
+            shape = {
+                "kind": "rectangle",
+                "x": axis,
+                "y": up,
+                "diagonal": "alternating",
+                "patches": [patch],
+            }
         else:
-            shape = {"kind": "box", "x": axis, "y": axis, "z": up, "patches": [patch | {"y": [0.0, 5.0]}]}
+            shape = {
+                "kind": "box",
+                "x": axis,
+                "y": axis,
+                "z": up,
+                "patches": [patch | {"y": [0.0, 5.0]}],
+            }
         return shape | {"order": self.order}
 
     def _material(self):
@@ -72,16 +90,25 @@ class Case:
 
     def _boundary(self):
         up = "xyz"[self.dim - 1]
-        walls = [("x", ["left", "right"]), (up, ["bottom"])] + ([("y", ["front", "back"])] if self.dim == 3 else [])
-        fluid = [{"no_slip": True} if self.viscous else {"velocity": {axis: 0.0}} for axis, _ in walls]
-        held = [{"on": on, "displacement": {axis: 0.0}} | slip for (axis, on), slip in zip(walls, fluid, strict=True)]
+        walls = [("x", ["left", "right"]), (up, ["bottom"])] + (
+            [("y", ["front", "back"])] if self.dim == 3 else []
+        )
+        fluid = [
+            {"no_slip": True} if self.viscous else {"velocity": {axis: 0.0}} for axis, _ in walls
+        ]
+        held = [
+            {"on": on, "displacement": {axis: 0.0}} | slip
+            for (axis, on), slip in zip(walls, fluid, strict=True)
+        ]
         load = {"on": "load", "traction": {up: "-1e4*sin(25*pi*t)"}}
         return [*held, {"on": ["top", "load"], "pressure": 0.0}, load]
 
 
 @dataclass
 class Outcome:
-    """What a run of the coupling gives: iterations of the coupling and of the solvers, and the fields in natural order."""
+    """What a run of the coupling gives: iterations of the coupling and of the solvers, and the
+    fields in natural order.
+    """
 
     coupling: list
     fluid: int
@@ -94,24 +121,30 @@ class Outcome:
 
 
 def solve(case, direct, petsc="", steps=2):
-    """Advance the coupling of a case and return its `Outcome`; direct : the default solvers are factorizations."""
+    """Advance the coupling of a case and return its `Outcome`; direct : the default solvers are
+    factorizations.
+    """
     options.start(petsc)
     from porofsi_petsc.simulation import setups
 
     scene = case.scene(steps)
     mesh = local_mesh(scene, MPI.COMM_WORLD)
-    chosen, setups.is_direct = setups.is_direct, lambda mesh: direct
+    chosen = setups.is_direct
+    setups.is_direct = lambda mesh: direct
     try:
         coupling = Simulation(scene, mesh=mesh).coupling
     finally:
         setups.is_direct = chosen
-    clock, iterations = Clock(scene.time), []
+    clock = Clock(scene.time)
+    iterations = []
     for step in range(steps):
         schemes, rates = clock.schemes(scene.model, case.dt)
         coupling.step(schemes, rates, step * case.dt, step + 1)
         coupling.accept()
         iterations.append(coupling.iterations)
-    n, solid, fluid = mesh.n_owned, coupling.solid, coupling.fluid
+    n = mesh.n_owned
+    solid = coupling.solid
+    fluid = coupling.fluid
     fields = [_natural(mesh, array[:n]) for array in (solid.u, fluid.v, fluid.p)]
     counts = [phase.solver.iterations_max for phase in (fluid, solid)]
     outcome = Outcome(iterations, *counts, *fields, mesh, fluid.solver.ksp.getTolerances()[0])

@@ -1,4 +1,6 @@
-"""A fluid that a solid closes: filled by an inflow all around it, it keeps its volume and finds the pressure of the solid."""
+"""A fluid that a solid closes: filled by an inflow all around it, it keeps its volume and finds the
+pressure of the solid.
+"""
 
 import numpy as np
 import pytest
@@ -13,29 +15,48 @@ from porofsi_petsc.studies.trial import attempt
 
 RING = Ring(0.95, 1.05, 1.5, 1e6 * 0.3 / (1.3 * 0.4), 1e6 / 2.6, 1000.0)  # as in ring_added_mass
 STEP, STEPS, SPEED = 0.5, 8, 5e-5  # [s], [m/s²]: so slow that inertia is 1e-4 of the pressure
-# A quarter of a ring in a fluid that is pressed through the wall around it; the fluid's edges are planes of symmetry (slip).
+# A quarter of a ring in a fluid that is pressed through the wall around it; the fluid's edges are
+# planes of symmetry (slip).
 BOUNDARY = (
     "{on='inside'}",
     "{on='ring_bottom', displacement={y=0}}",
     "{on='ring_left', displacement={x=0}}",
     "{on='fluid_bottom', velocity={y=0}, displacement={y=0}}",
     "{on='fluid_left', velocity={x=0}, displacement={x=0}}",
-    f"{{on='wall', velocity={{x='-{SPEED}*t*x/1.5', y='-{SPEED}*t*y/1.5'}}, displacement={{x=0, y=0}}}}",
+    (
+        f"{{on='wall', velocity={{x='-{SPEED}*t*x/1.5', y='-{SPEED}*t*y/1.5'}}, displacement={{x=0,"
+        " y=0}}"
+    ),
 )
-BALLOON = (f"boundary=[{', '.join(BOUNDARY)}]", "initial={}", "expect=[]", "material.1.fluid.viscosity=1e-3")
-BALLOON += (f"time.step={STEP}", f"time.end={STEP * STEPS}", "coupling.tolerance=1e-9", "time.rho_inf=1.0")
+BALLOON = (
+    f"boundary=[{', '.join(BOUNDARY)}]",
+    "initial={}",
+    "expect=[]",
+    "material.1.fluid.viscosity=1e-3",
+)
+BALLOON += (
+    f"time.step={STEP}",
+    f"time.end={STEP * STEPS}",
+    "coupling.tolerance=1e-9",
+    "time.rho_inf=1.0",
+)
 
 
 def filled(*options):
-    """Return t, volume of the fluid and displacement of the ring after every step, and the pressure beside it in its middle."""
+    """Return t, volume of the fluid and displacement of the ring after every step, and the pressure
+    beside it in its middle.
+    """
     rows = []
 
     def watcher(coupling):
-        X, domain = coupling.solid.mesh.X, coupling.fluid.domain
+        X = coupling.solid.mesh.X
+        domain = coupling.fluid.domain
         (point,) = np.flatnonzero(np.hypot(X[:, 0] - RING.outer, X[:, 1]) < 1e-9)
 
         def look(clock, coupling, energy):
-            volume = domain.sum_owned(coupling.accepted_carrier().configuration.geometry.dV.sum(axis=1))
+            volume = domain.sum_owned(
+                coupling.accepted_carrier().configuration.geometry.dV.sum(axis=1)
+            )
             rows.append((clock.t, volume, coupling.solid.u[point, 0], coupling.fluid._p0[point]))
 
         return look
@@ -48,14 +69,18 @@ def filled(*options):
 @pytest.mark.parametrize("choice", ["interface=auto", "interface=robin_neumann", "scheme=direct"])
 def test_a_balloon_grows_by_what_flows_in_and_presses_as_its_ring_does(choice):
     t, volume, displacement, pressure = filled(f"coupling.{choice}")
-    # the nodes of the wall have the exact speed, 16 arcs of second order between them a length of 1e-7 less than the circle's;
-    # the trapezoidal rule is exact for a linear inflow, and for the area that a line sweeps: the coupling's tolerance is left
+    # the nodes of the wall have the exact speed, 16 arcs of second order between them a length of
+    # 1e-7 less than the circle's; the trapezoidal rule is exact for a linear inflow, and for the
+    # area that a line sweeps: the coupling's tolerance is left
     inflow = SPEED * t**2 / 2 * 1.5 * np.pi / 2
     growth = volume - volume[0] + inflow[0]
     np.testing.assert_allclose(growth, inflow, rtol=1e-6)
     middle = (displacement + np.append(0.0, displacement[:-1])) / 2
-    # strains up to 6e-4 of a law of large ones; the inertia of ring and fluid, (ρ_s H + ρ_f R ln(b/R)) ü = 0.011 Pa, at the start
-    np.testing.assert_allclose(RING.compression(pressure), -middle, rtol=1e-3, atol=RING.compression(0.011))
+    # strains up to 6e-4 of a law of large ones; the inertia of ring and fluid, (ρ_s H + ρ_f R
+    # ln(b/R)) ü = 0.011 Pa, at the start
+    np.testing.assert_allclose(
+        RING.compression(pressure), -middle, rtol=1e-3, atol=RING.compression(0.011)
+    )
     area = (RING.outer**2 - (RING.outer + displacement) ** 2) * np.pi / 4
     np.testing.assert_allclose(area, inflow, rtol=1e-4)
 
@@ -67,8 +92,12 @@ def chosen(*options):
 
 
 def test_where_the_solid_without_inertia_closes_the_fluid_the_scheme_is_chosen_and_said():
-    """With inertia the condensed solid gives the pressure its level; without, both are solved together."""
+    """With inertia the condensed solid gives the pressure its level; without, both are solved
+    together.
+    """
     assert not isinstance(chosen(), InterfaceMonolithic)
-    coupling = chosen("time.scheme=backward_euler", "model.solid_inertia=false", "model.fluid_inertia=false")
+    coupling = chosen(
+        "time.scheme=backward_euler", "model.solid_inertia=false", "model.fluid_inertia=false"
+    )
     assert isinstance(coupling, InterfaceMonolithic)
     assert "the solid closes the fluid" in coupling.notices[0]

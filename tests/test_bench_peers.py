@@ -8,7 +8,9 @@ import pytest
 
 
 def test_a_run_of_ours_has_its_error_and_its_time():
-    """A strip of quadratic elements is within the 1.5e-3 that the page compares at; exact: Terzaghi's series."""
+    """A strip of quadratic elements is within the 1.5e-3 that the page compares at; exact:
+    Terzaghi's series.
+    """
     row, history = bench_peers.own_row("strip", bench_peers.terzaghi()["P2 1 x 5"])
     print(row)
     assert 1e-4 < row["error"] < 1.5e-3
@@ -17,8 +19,11 @@ def test_a_run_of_ours_has_its_error_and_its_time():
 
 
 def test_the_error_of_p_is_over_the_exact_one():
-    """At T_v = 0.1 the exact series integrates to |p| = 0.783 |p_0|, here by quadrature of p itself."""
-    z, k = (np.arange(4000) + 0.5) / 4000, (2 * np.arange(400) + 1) * np.pi / 2
+    """At T_v = 0.1 the exact series integrates to |p| = 0.783 |p_0|, here by quadrature of p
+    itself.
+    """
+    z = (np.arange(4000) + 0.5) / 4000
+    k = (2 * np.arange(400) + 1) * np.pi / 2
     p = (2 / k * np.exp(-(k**2) * bench_peers.DEGREE)) @ np.sin(np.outer(k, z))
     size = np.sqrt((p**2).mean())
     summary = {"errors": [{"p": 0.01}]}
@@ -27,22 +32,35 @@ def test_the_error_of_p_is_over_the_exact_one():
 
 def test_a_peer_says_its_measures():
     """KEY=VALUE of a line, or JSON."""
-    command = f"{sys.executable} -c \"print('X dofs=867 steps=100 loop_wall=0.76 errL2_p=1.49e-3')\""
+    command = (
+        f"{sys.executable} -c \"print('X dofs=867 steps=100 loop_wall=0.76 errL2_p=1.49e-3')\""
+    )
     row = bench_peers.peer_row("X", command, None)
-    assert (row["unknowns"], row["steps"], row["seconds"], row["error"]) == (867, 100, 0.76, 1.49e-3)
-    assert bench_peers.peer_row("Y", f'{sys.executable} -c "print(\'{{\\"total_s\\": 3.5}}\')"', None)["seconds"] == 3.5
+    assert (row["unknowns"], row["steps"], row["seconds"], row["error"]) == (
+        867,
+        100,
+        0.76,
+        1.49e-3,
+    )
+    assert (
+        bench_peers.peer_row("Y", f'{sys.executable} -c "print(\'{{\\"total_s\\": 3.5}}\')"', None)[
+            "seconds"
+        ]
+        == 3.5
+    )
 
 
 def test_the_history_of_a_peer_gives_its_error(tmp_path):
     """An amplitude 10 % above the reference."""
     script = tmp_path / "peer.py"
     script.write_text(
-        "from math import sin\n"
-        "for i in range(2000):\n"
-        f"    t = 1e-3 * i; print(f't={{t:.3f}} ux=0.0 uy={{{1.1 * bench_peers.FSI3} * sin(34 * t):.6e}} drag=1.0 lift=2.0')\n"
+        "from math import sin\nfor i in range(2000):\n    t = 1e-3 * i; print(f't={t:.3f} ux=0.0"
+        f" uy={{{1.1 * bench_peers.FSI3} * sin(34 * t):.6e}} drag=1.0 lift=2.0')\n"
     )
     row = bench_peers.peer_row("Z", f"{sys.executable} {script}", bench_peers.swing_error)
-    assert row["error"] == pytest.approx(0.1, abs=1e-4)  # the sampled extremes are within 34² dt²/8 = 1.4e-4 of the true ones
+    assert row["error"] == pytest.approx(
+        0.1, abs=1e-4
+    )  # the sampled extremes are within 34² dt²/8 = 1.4e-4 of the true ones
 
 
 def test_a_failing_peer_is_named():

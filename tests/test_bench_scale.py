@@ -18,7 +18,9 @@ def test_a_run_on_two_ranks_has_all_columns():
     run = subprocess.run(command, capture_output=True, text=True, env=environment(), timeout=120)
     (record,) = json.loads(run.stdout)
     assert set(record) == {*KEYS, *COLUMNS} and record["ranks"] == 2
-    assert record["raw_bytes_per_unknown"] > record["peak_bytes_per_unknown"] > 0 < record["share"] < 1
+    assert (
+        record["raw_bytes_per_unknown"] > record["peak_bytes_per_unknown"] > 0 < record["share"] < 1
+    )
 
 
 @pytest.mark.parametrize("unknowns", [10_000, 500_000, 2_000_000])
@@ -32,4 +34,8 @@ def test_the_block_has_about_the_unknowns_asked_for(unknowns):
 
 def test_the_study_has_each_run_once():
     runs = study("porous")
-    assert len(runs) == len(set(runs)) and {run.case for run in runs} == {"porous"} and set(CASES) >= {"porous", "fsi"}
+    assert (
+        len(runs) == len(set(runs))
+        and {run.case for run in runs} == {"porous"}
+        and set(CASES) >= {"porous", "fsi"}
+    )

@@ -1,4 +1,6 @@
-"""What a restart finds: damaged checkpoints, histories and fields, other tables, a full disk, a run that is complete."""
+"""What a restart finds: damaged checkpoints, histories and fields, other tables, a full disk, a run
+that is complete.
+"""
 
 import json
 import os
@@ -13,7 +15,18 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
-from running import SCENES, Job, by_command_line, changes, header, history, needs_mpirun, run_here, state, summary
+from running import (
+    SCENES,
+    Job,
+    by_command_line,
+    changes,
+    header,
+    history,
+    needs_mpirun,
+    run_here,
+    state,
+    summary,
+)
 
 from porofsi_petsc.errors import ExpectationError, InputError, LimitError, PorofsiError
 from porofsi_petsc.output import figures, hdf5
@@ -25,12 +38,15 @@ from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.seal import is_sealed, seal
 from porofsi_petsc.simulation.header import HEADER, mistake
 
-SELF, WORLD = MPI.COMM_SELF, MPI.COMM_WORLD
+SELF = MPI.COMM_SELF
+WORLD = MPI.COMM_WORLD
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """Return the job of a run of five steps with checkpoints of the third and the last, which has been done."""
+    """Return the job of a run of five steps with checkpoints of the third and the last, which has
+    been done.
+    """
     folder = tmp_path_factory.mktemp("whole")
     (folder / "scene.toml").write_text(fuzzing.SCENE)
     job = Job(str(folder / "scene.toml"), str(folder / "run"))
@@ -49,16 +65,22 @@ def half(whole, tmp_path):
 
 def assert_complete(job, whole):
     """The run of a job is the whole one, to the last bit."""
-    directory, expected = Path(job.directory), Path(whole.directory)
+    directory = Path(job.directory)
+    expected = Path(whole.directory)
     assert (directory / "history.csv").read_text() == (expected / "history.csv").read_text()
-    found, arrays = state(directory / "checkpoint.h5"), state(expected / "checkpoint.h5")
+    found = state(directory / "checkpoint.h5")
+    arrays = state(expected / "checkpoint.h5")
     assert found.keys() == arrays.keys()
     assert [name for name in arrays if not np.array_equal(arrays[name], found[name])] == []
 
 
 def files(directory):
     """Return name -> content of all files in a directory."""
-    return {str(path.relative_to(directory)): path.read_bytes() for path in Path(directory).rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(directory)): path.read_bytes()
+        for path in Path(directory).rglob("*")
+        if path.is_file()
+    }
 
 
 def refused(job, match):
@@ -68,11 +90,13 @@ def refused(job, match):
         run_here(job)
     assert "\n" not in str(error.value)
     after = files(job.directory)
-    assert {name: after.get(name) for name in before if name != "run.log"} == {n: c for n, c in before.items() if n != "run.log"}
+    assert {name: after.get(name) for name in before if name != "run.log"} == {
+        n: c for n, c in before.items() if n != "run.log"
+    }
     return str(error.value)
 
 
-# -- damage ---------------------------------------------------------------------------------------------------------------
+# -- damage ----------------------------------------------------------------------------------------
 
 
 def test_damaged_checkpoints_are_refused_or_do_not_matter(tmp_path):
@@ -89,7 +113,13 @@ def test_one_bit_is_noticed_and_the_sound_checkpoint_offered(whole, tmp_path, ra
     content = bytearray((run / "checkpoint.h5").read_bytes())
     content[-40] ^= 1  # the last digits of a number of the last array
     (run / "checkpoint.h5").write_bytes(content)
-    result = by_command_line(whole.scene, run, "--restart", str(run / "checkpoint.h5"), ranks=None if ranks == 1 else ranks)
+    result = by_command_line(
+        whole.scene,
+        run,
+        "--restart",
+        str(run / "checkpoint.h5"),
+        ranks=None if ranks == 1 else ranks,
+    )
     assert result.returncode == 2 and "Traceback" not in result.stderr
     found = "truncated or damaged, its checksum is not that of its content"
     other = run / "checkpoint.previous.h5"
@@ -100,7 +130,9 @@ def test_one_bit_is_noticed_and_the_sound_checkpoint_offered(whole, tmp_path, ra
 
 
 def edited(change):
-    """Return the damage that changes header and file by change(header, file) and makes the checksum fit again."""
+    """Return the damage that changes header and file by change(header, file) and makes the checksum
+    fit again.
+    """
 
     def damage(path):
         with h5py.File(path, "r+") as file:
@@ -122,30 +154,72 @@ def replaced(name, value):
 
 
 INVALID = {
-    "no TOML": (edited(lambda h, f: h.update(scene="title = ")), "damaged, its entry scene is no TOML: "),
+    "no TOML": (
+        edited(lambda h, f: h.update(scene="title = ")),
+        "damaged, its entry scene is no TOML: ",
+    ),
     "no scene": (edited(lambda h, f: h.update(scene='title = "x"')), r"\[model"),
-    "scene a number": (edited(lambda h, f: h.update(scene=3)), "damaged, its entry scene is 3, expected text; "),
-    "step": (edited(lambda h, f: h.update(step=5.5)), "damaged, its entry step is 5.5, expected a whole number"),
-    "iterations": (edited(lambda h, f: h.update(iterations="33")), "damaged, its entry iterations is '33', expected a list"),
-    "an iteration": (edited(lambda h, f: h["iterations"].append("x")), r"its entry iterations.3 is 'x', expected a whole number"),
-    "nan": (edited(lambda h, f: h["clock"].update(t=float("nan"))), "its entry clock.t is nan, expected a number of at least 0"),
-    "two times": (edited(lambda h, f: h["clock"].update(t=0.9e-3)), "its entry time is 0.00331.*, but clock.t is 0.0009"),
-    "two steps": (edited(lambda h, f: h["clock"].update(step=4)), "its entry step is 3, but clock.step is 4"),
+    "scene a number": (
+        edited(lambda h, f: h.update(scene=3)),
+        "damaged, its entry scene is 3, expected text; ",
+    ),
+    "step": (
+        edited(lambda h, f: h.update(step=5.5)),
+        "damaged, its entry step is 5.5, expected a whole number",
+    ),
+    "iterations": (
+        edited(lambda h, f: h.update(iterations="33")),
+        "damaged, its entry iterations is '33', expected a list",
+    ),
+    "an iteration": (
+        edited(lambda h, f: h["iterations"].append("x")),
+        r"its entry iterations.3 is 'x', expected a whole number",
+    ),
+    "nan": (
+        edited(lambda h, f: h["clock"].update(t=float("nan"))),
+        "its entry clock.t is nan, expected a number of at least 0",
+    ),
+    "two times": (
+        edited(lambda h, f: h["clock"].update(t=0.9e-3)),
+        "its entry time is 0.00331.*, but clock.t is 0.0009",
+    ),
+    "two steps": (
+        edited(lambda h, f: h["clock"].update(step=4)),
+        "its entry step is 3, but clock.step is 4",
+    ),
     "no clock": (edited(lambda h, f: h.pop("clock")), "its entry clock is missing"),
     "no rates": (edited(lambda h, f: h["coupling"]["solid"].update(rates=[1.0])), "damaged, "),
     "no mesh": (edited(lambda h, f: h.pop("mesh_hash")), "damaged, its header cannot be read"),
-    "other regions": (edited(lambda h, f: h.update(regions=["soil"])), "belongs to another mesh.* with the regions body"),
+    "other regions": (
+        edited(lambda h, f: h.update(regions=["soil"])),
+        "belongs to another mesh.* with the regions body",
+    ),
     "shape": (
         replaced("solid.u", np.zeros((12, 3))),
         r"its array solid.u has rows of shape \(3,\) of float64, expected .*\(2,\)",
     ),
-    "type": (replaced("solid.u", np.zeros((12, 2), "f4")), "its array solid.u has rows of shape .* of float32, expected"),
-    "tangent": (replaced("fluid.tangent_p", np.zeros((12, 2))), "its array fluid.tangent_p has rows of shape"),
-    "rows": (replaced("solid.u", np.zeros((11, 2))), "damaged, expected 12 rows of numbers in every array"),
+    "type": (
+        replaced("solid.u", np.zeros((12, 2), "f4")),
+        "its array solid.u has rows of shape .* of float32, expected",
+    ),
+    "tangent": (
+        replaced("fluid.tangent_p", np.zeros((12, 2))),
+        "its array fluid.tangent_p has rows of shape",
+    ),
+    "rows": (
+        replaced("solid.u", np.zeros((11, 2))),
+        "damaged, expected 12 rows of numbers in every array",
+    ),
     "scalar": (replaced("fluid.p", 3.0), "damaged, expected 12 rows of numbers in every array"),
-    "text": (replaced("fluid.p", np.full(12, b"x")), "damaged, expected 12 rows of numbers in every array"),
+    "text": (
+        replaced("fluid.p", np.full(12, b"x")),
+        "damaged, expected 12 rows of numbers in every array",
+    ),
     "missing": (replaced("fluid.p", None), "damaged, its array fluid.p is missing"),
-    "not finite": (replaced("fluid.p", np.full(12, np.inf)), "damaged, it holds numbers that are not finite"),
+    "not finite": (
+        replaced("fluid.p", np.full(12, np.inf)),
+        "damaged, it holds numbers that are not finite",
+    ),
 }
 
 
@@ -173,7 +247,10 @@ def unknown(kind, value, place=()):
 OF_THE_FILE = ("format_version", "mesh_hash", "ranks", "nodes", "regions", "scene_name")
 SHORT = ("expect=[]", "time.step=1e-3", "time.end=2e-3", "output.checkpoint_every=1")
 EVERY_PART = {
-    "step control": ("pulse2d", (*SHORT, "mesh.order=1", "mesh.y.cells=[4]", "time.error_tolerance=1e-2")),
+    "step control": (
+        "pulse2d",
+        (*SHORT, "mesh.order=1", "mesh.y.cells=[4]", "time.error_tolerance=1e-2"),
+    ),
     "reference": ("column_harmonic", (*SHORT, "mesh.y.cells=[4, 4]", "time.growth=1.0")),
     "interface": (str(SCENES / "flap.toml"), SHORT),
 }
@@ -202,7 +279,10 @@ def test_a_checkpoint_of_the_version_before_goes_on_and_the_log_says_what_it_lac
     as_before(Path(half.restart))
     run_here(half)
     assert_complete(half, whole)
-    assert "has no checksum: an earlier version wrote it" in (Path(half.directory) / "run.log").read_text()
+    assert (
+        "has no checksum: an earlier version wrote it"
+        in (Path(half.directory) / "run.log").read_text()
+    )
 
 
 def test_without_a_checksum_the_types_of_numbers_are_looked_at(half):
@@ -210,19 +290,23 @@ def test_without_a_checksum_the_types_of_numbers_are_looked_at(half):
     path = Path(half.restart)
     as_before(path)
     content = path.read_bytes()
-    exponent = bytes([52, 11, 0, 52]) + (1023).to_bytes(4, "little")  # of an IEEE double in an HDF5 file
+    exponent = bytes([52, 11, 0, 52]) + (1023).to_bytes(
+        4, "little"
+    )  # of an IEEE double in an HDF5 file
     at = content.rindex(exponent) + 5
     path.write_bytes(content[:at] + bytes([content[at] ^ 16]) + content[at + 1 :])
     refused(half, "damaged, expected 12 rows of numbers in every array")
 
 
-# -- the checksum ---------------------------------------------------------------------------------------------------------
+# -- the checksum ----------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("size", [0, 511, 512, 513, 5000])
 def test_a_checksum_is_that_of_one_rank_and_sees_every_byte(shared_path, size, monkeypatch):
-    """Blocks of 700 bytes, so that ranks share them; one byte is changed in the front, in each block and at the end."""
+    """Blocks of 700 bytes, so that ranks share them; one byte is changed in the front, in each
+    block and at the end.
+    """
     monkeypatch.setattr(sealing, "BLOCK", 700)
     path = shared_path / "file"
     if WORLD.rank == 0:
@@ -244,7 +328,7 @@ def test_a_checksum_is_that_of_one_rank_and_sees_every_byte(shared_path, size, m
         is_sealed(shared_path / "none", WORLD)
 
 
-# -- tables ---------------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 LOAD = "t,f,g\n0,0,1\n1e-2,-1e4,1\n"
 TABLE = ('boundary.2.traction.y={ table = "load.csv", column = "f" }',)
@@ -267,7 +351,10 @@ def loaded(half, tmp_path):
 def test_another_table_is_refused(loaded):
     path = Path(loaded.scene).with_name("load.csv")
     path.write_text(LOAD.replace("-1e4", "-1e2"))
-    sentence = r"checkpoint.h5 \[boundary.2.traction.y.table\]: the table has other numbers than when the checkpoint was written"
+    sentence = (
+        r"checkpoint.h5 \[boundary.2.traction.y.table\]: the table has other numbers than when the"
+        r" checkpoint was written"
+    )
     refused(loaded, sentence)
     path.unlink()
     with pytest.raises(InputError, match="cannot be read"):
@@ -282,24 +369,39 @@ def test_a_folder_that_moved_is_no_obstacle(loaded, tmp_path):
     (moved / "other.csv").write_text("# again\nt,h\n0.0,0.0\n0.01,-10000\n")
     table = ('boundary.2.traction.y={ table = "other.csv", column = "h" }',)
     rows = (moved / "run/history.csv").read_text()
-    run_here(Job(str(moved / "scene.toml"), str(moved / "run"), table, restart=str(moved / "run/checkpoint.h5")))
-    assert (moved / "run/history.csv").read_text() == rows  # of the run before, the rows of which were cut
+    run_here(
+        Job(
+            str(moved / "scene.toml"),
+            str(moved / "run"),
+            table,
+            restart=str(moved / "run/checkpoint.h5"),
+        )
+    )
+    assert (
+        moved / "run/history.csv"
+    ).read_text() == rows  # of the run before, the rows of which were cut
 
 
 def test_without_checksum_a_table_goes_by_its_name(loaded, tmp_path):
     as_before(Path(loaded.restart))
     other = ('boundary.2.traction.y={ table = "other.csv", column = "f" }',)
     shutil.copy(Path(loaded.scene).with_name("load.csv"), Path(loaded.scene).with_name("other.csv"))
-    with pytest.raises(InputError, match=r"table\]: the checkpoint was written with 'load.csv', the scene has 'other.csv'"):
+    with pytest.raises(
+        InputError,
+        match=r"table\]: the checkpoint was written with 'load.csv', the scene has 'other.csv'",
+    ):
         run_here(Job(loaded.scene, loaded.directory, other, restart=loaded.restart))
     run_here(loaded)
 
 
-# -- a run that is complete -----------------------------------------------------------------------------------------------
+# -- a run that is complete ------------------------------------------------------------------------
 
 
 def expecting(value):
-    return f'expect=[{{ quantity = "top.u_y", statistic = "final", value = {value}, tolerance = 1e-9 }}]'
+    return (
+        f'expect=[{{ quantity = "top.u_y", statistic = "final", value = {value}, tolerance ='
+        " 1e-9 }]"
+    )
 
 
 def at_end(job, **other):
@@ -317,13 +419,23 @@ def test_a_run_killed_before_its_figures_can_be_completed(whole, tmp_path):
     assert result.returncode == 0, result.stderr
     assert "that is the end of the run: no step is left" in (run / "run.log").read_text()
     assert (run / "histories.png").is_file() and (run / "pressure.png").is_file()
-    done, expected = summary(run), summary(whole.directory)
-    for key in ("steps", "time_end", "coupling_iterations", "energy", "oscillation_indicator", "neglected"):
+    done = summary(run)
+    expected = summary(whole.directory)
+    for key in (
+        "steps",
+        "time_end",
+        "coupling_iterations",
+        "energy",
+        "oscillation_indicator",
+        "neglected",
+    ):
         assert done[key] == expected[key], key
     assert done["expectations"][0]["passed"] is True
     assert_complete(Job(whole.scene, str(run)), whole)
     with pytest.raises(ExpectationError, match="1 of 1 expectations failed"):
-        run_here(Job(whole.scene, str(run), (expecting(2 * value),), restart=str(run / "checkpoint.h5")))
+        run_here(
+            Job(whole.scene, str(run), (expecting(2 * value),), restart=str(run / "checkpoint.h5"))
+        )
     assert summary(run)["exit_code"] == 5
 
 
@@ -332,7 +444,9 @@ def test_a_restart_of_a_complete_run_changes_nothing(whole, tmp_path):
     shutil.copytree(whole.directory, run)
     before = files(run)
     run_here(Job(whole.scene, str(run), restart=str(run / "checkpoint.h5")))
-    assert {k: v for k, v in files(run).items() if k != "run.log"} == {k: v for k, v in before.items() if k != "run.log"}
+    assert {k: v for k, v in files(run).items() if k != "run.log"} == {
+        k: v for k, v in before.items() if k != "run.log"
+    }
 
 
 @needs_mpirun
@@ -341,8 +455,11 @@ def test_a_complete_run_in_another_directory_has_its_end_there(whole, tmp_path, 
     restart = ["--restart", f"{whole.directory}/checkpoint.h5", "--quiet"]
     result = by_command_line(whole.scene, tmp_path / "run", *restart, ranks=ranks)
     assert result.returncode == 0, result.stderr
-    last, rows = history(whole.directory), history(tmp_path / "run")
-    assert {name: list(values) for name, values in rows.items()} == {name: [values[-1]] for name, values in last.items()}
+    last = history(whole.directory)
+    rows = history(tmp_path / "run")
+    assert {name: list(values) for name, values in rows.items()} == {
+        name: [values[-1]] for name, values in last.items()
+    }
     assert [path.name for path in (tmp_path / "run/fields").glob("0*.h5")] == ["000005.h5"]
 
 
@@ -357,7 +474,7 @@ def test_a_limit_passed_in_the_last_step_is_passed_after_a_restart_too(whole, tm
     assert run_here(at_end(job, overrides=(*limit, "limits.strain=report")))["exit_code"] == 0
 
 
-# -- what lies beside the checkpoint --------------------------------------------------------------------------------------
+# -- what lies beside the checkpoint ---------------------------------------------------------------
 
 
 def spoil_history(row):
@@ -389,14 +506,38 @@ def of_another_step(path):
 
 
 BESIDE = {
-    "binary history": (spoil_history(b"\x00\xff\xfe,1,2,3"), r"history.csv: line 3 is .*, expected 4 numbers, the time first"),
-    "text in history": (spoil_history(b"0.1,a,2,3"), "history.csv: line 3 is '0.1,a,2,3', expected 4 numbers"),
-    "short row": (spoil_history(b"0.1,2,3"), "history.csv: line 3 is '0.1,2,3', expected 4 numbers"),
-    "nan time": (spoil_history(b"nan,1,2,3"), "history.csv: line 3 is 'nan,1,2,3', expected 4 numbers"),
-    "foreign fields": (in_fields("000001.h5", foreign), "000001.h5: an HDF5 file, but not the fields of the step in its name"),
-    "text for fields": (in_fields("000001.h5", lambda path: path.write_text("x")), "000001.h5: could not be read, expected a"),
-    "truncated fields": (in_fields("000003.h5", truncated), "000003.h5: could not be read, expected a complete HDF5 file"),
-    "fields of another step": (in_fields("000003.h5", of_another_step), "000003.h5: an HDF5 file, but not the fields"),
+    "binary history": (
+        spoil_history(b"\x00\xff\xfe,1,2,3"),
+        r"history.csv: line 3 is .*, expected 4 numbers, the time first",
+    ),
+    "text in history": (
+        spoil_history(b"0.1,a,2,3"),
+        "history.csv: line 3 is '0.1,a,2,3', expected 4 numbers",
+    ),
+    "short row": (
+        spoil_history(b"0.1,2,3"),
+        "history.csv: line 3 is '0.1,2,3', expected 4 numbers",
+    ),
+    "nan time": (
+        spoil_history(b"nan,1,2,3"),
+        "history.csv: line 3 is 'nan,1,2,3', expected 4 numbers",
+    ),
+    "foreign fields": (
+        in_fields("000001.h5", foreign),
+        "000001.h5: an HDF5 file, but not the fields of the step in its name",
+    ),
+    "text for fields": (
+        in_fields("000001.h5", lambda path: path.write_text("x")),
+        "000001.h5: could not be read, expected a",
+    ),
+    "truncated fields": (
+        in_fields("000003.h5", truncated),
+        "000003.h5: could not be read, expected a complete HDF5 file",
+    ),
+    "fields of another step": (
+        in_fields("000003.h5", of_another_step),
+        "000003.h5: an HDF5 file, but not the fields",
+    ),
 }
 
 
@@ -408,7 +549,15 @@ def test_damage_beside_the_checkpoint_is_one_sentence_and_nothing_is_lost(half, 
 
 
 @pytest.mark.parametrize(
-    "name", ["scene.toml", "history.csv", "checkpoint.h5", "summary.json", "fields/mesh.h5", "fields/000005.h5"]
+    "name",
+    [
+        "scene.toml",
+        "history.csv",
+        "checkpoint.h5",
+        "summary.json",
+        "fields/mesh.h5",
+        "fields/000005.h5",
+    ],
 )
 @pytest.mark.parametrize("damage", ["noise", "nothing", "half"])
 def test_results_that_are_damaged_are_described_and_drawn_or_refused(whole, tmp_path, name, damage):
@@ -416,7 +565,9 @@ def test_results_that_are_damaged_are_described_and_drawn_or_refused(whole, tmp_
     shutil.copytree(whole.directory, run)
     content = (run / name).read_bytes()
     noise = np.random.default_rng(0).bytes(len(content))
-    (run / name).write_bytes({"noise": noise, "nothing": b"", "half": content[: len(content) // 2]}[damage])
+    (run / name).write_bytes(
+        {"noise": noise, "nothing": b"", "half": content[: len(content) // 2]}[damage]
+    )
     with mock.patch.object(figures, "save_figure", lambda path, draw, *arguments: path):
         for look in (describe, make_figures):
             with suppress(InputError):
@@ -434,7 +585,7 @@ def test_files_of_others_in_the_folder_of_the_fields_are_left_alone(half, whole)
     assert all((Path(half.directory) / "fields" / name).read_text() == name for name in names)
 
 
-# -- a full disk ----------------------------------------------------------------------------------------------------------
+# -- a full disk -----------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -449,14 +600,24 @@ def no_file_larger_than(size):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("size", [0, 1, 96, 511, 512, 600, 2048, 4096, 8000, 10000, 20000, 40000, 60000, 70000])
+@pytest.mark.parametrize(
+    "size", [0, 1, 96, 511, 512, 600, 2048, 4096, 8000, 10000, 20000, 40000, 60000, 70000]
+)
 def test_a_disk_that_is_full_is_one_sentence(shared_path, size):
-    """At any place in a file of more than 70 kB; HDF5 by itself ends the process after a write that failed."""
-    slabs = {f"array {i}": np.random.default_rng(i).random((4400 // 8 // WORLD.size, 2)) for i in range(8)}
+    """At any place in a file of more than 70 kB; HDF5 by itself ends the process after a write that
+    failed.
+    """
+    slabs = {
+        f"array {i}": np.random.default_rng(i).random((4400 // 8 // WORLD.size, 2))
+        for i in range(8)
+    }
     write_slabs(shared_path / "a.h5", WORLD, slabs, {"header": "x" * 9000}, 512)
     before = (shared_path / "a.h5").read_bytes()
     WORLD.barrier()
-    with no_file_larger_than(size), pytest.raises(PorofsiError, match=r"a.h5.tmp: could not be written \(File too large\)"):
+    with (
+        no_file_larger_than(size),
+        pytest.raises(PorofsiError, match=r"a.h5.tmp: could not be written \(File too large\)"),
+    ):
         write_slabs(shared_path / "a.h5", WORLD, slabs, {"header": "y" * 9000}, 512)
     WORLD.barrier()
     assert [path.name for path in shared_path.iterdir()] == ["a.h5"]
@@ -466,7 +627,10 @@ def test_a_disk_that_is_full_is_one_sentence(shared_path, size):
 def test_a_run_on_a_full_disk_keeps_its_checkpoint(half, whole):
     """The second checkpoint does not fit; from the first the run goes on."""
     size = os.path.getsize(half.restart)
-    with no_file_larger_than(size - 100), pytest.raises(PorofsiError, match="could not be written .File too large") as error:
+    with (
+        no_file_larger_than(size - 100),
+        pytest.raises(PorofsiError, match="could not be written .File too large") as error,
+    ):
         run_here(half)
     assert error.value.exit_code == 1
     assert open_checkpoint(half.restart, SELF)["step"] == header(half.restart)["step"] == 3

@@ -1,4 +1,6 @@
-"""Command line: what reaches the simulation, exit codes, quick answers, and the end of a parallel job when one rank fails."""
+"""Command line: what reaches the simulation, exit codes, quick answers, and the end of a parallel
+job when one rank fails.
+"""
 
 import os
 import shutil
@@ -36,8 +38,28 @@ def invoke(*arguments):
 
 def test_run_passes_everything_on(calls, tmp_path):
     result = invoke(
-        *("run", "pulse2d", "--output", str(tmp_path / "out"), "--set", "time.end=0.5", "--set", "petsc.options=-a 1"),
-        *("--restart", "x.h5", "--force", "--quiet", "--max-time", "5", "--", "-fluid_ksp_monitor", "-b", "2"),
+        *(
+            "run",
+            "pulse2d",
+            "--output",
+            str(tmp_path / "out"),
+            "--set",
+            "time.end=0.5",
+            "--set",
+            "petsc.options=-a 1",
+        ),
+        *(
+            "--restart",
+            "x.h5",
+            "--force",
+            "--quiet",
+            "--max-time",
+            "5",
+            "--",
+            "-fluid_ksp_monitor",
+            "-b",
+            "2",
+        ),
     )
     assert result.exit_code == 0, result.output
     (_, *started), (_, scene, *rest) = calls
@@ -48,7 +70,13 @@ def test_run_passes_everything_on(calls, tmp_path):
 def test_run_has_a_default_directory_and_applies_smoke(calls):
     assert invoke("run", "pulse2d", "--smoke").exit_code == 0
     _, scene, *rest = calls[-1]
-    assert scene.time.end == scene.smoke["time.end"] and rest == [Path("results/pulse2d"), None, False, False, None]
+    assert scene.time.end == scene.smoke["time.end"] and rest == [
+        Path("results/pulse2d"),
+        None,
+        False,
+        False,
+        None,
+    ]
 
 
 def test_the_same_from_python(calls):
@@ -94,7 +122,10 @@ def test_exit_codes(calls, error, code):
         (["run", "pulse2d", "--max-time", "nan"], "received 'nan', expected a positive number"),
         (["run", "pulse2d", "--set", "time.end"], "expected KEY=VALUE"),
         (["run", "nowhere.toml"], "no such file"),
-        (["check", "pulse2d", "--set", "time.end=no"], "[time.end]: received 'no', expected a number"),
+        (
+            ["check", "pulse2d", "--set", "time.end=no"],
+            "[time.end]: received 'no', expected a number",
+        ),
         (["walk"], "No such command"),
     ],
 )
@@ -108,15 +139,40 @@ def test_help_imports_nothing_heavy():
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=True
     ).stdout.split()
-    assert not {"petsc4py", "mpi4py", "numpy", "scipy", "matplotlib", "pydantic", "h5py", "meshio"} & set(loaded)
+    assert not {
+        "petsc4py",
+        "mpi4py",
+        "numpy",
+        "scipy",
+        "matplotlib",
+        "pydantic",
+        "h5py",
+        "meshio",
+    } & set(loaded)
 
 
 def environment():
     """Return the environment without what MPI has put there, so that mpirun starts afresh."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))}
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))
+    }
     path = os.pathsep.join(filter(None, [str(ROOT), kept.get("PYTHONPATH")]))
-    launch = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
-    return kept | launch | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    launch = {
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    }
+    return (
+        kept
+        | launch
+        | {
+            "PYTHONPATH": path,
+            "OMP_NUM_THREADS": "1",
+            "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        }
+    )
 
 
 STUBBED = """
@@ -136,7 +192,12 @@ command_line.main()
 """
 PARALLEL = [
     ("raise errors.ConvergenceError('all of us')", 3, "error: all of us", 1),
-    ("if MPI.COMM_WORLD.rank == 1: raise ZeroDivisionError('one of us')", 1, "ZeroDivisionError: one of us", 1),
+    (
+        "if MPI.COMM_WORLD.rank == 1: raise ZeroDivisionError('one of us')",
+        1,
+        "ZeroDivisionError: one of us",
+        1,
+    ),
     ("if MPI.COMM_WORLD.rank == 1: raise errors.InputError('one of us')", 2, "error: one of us", 1),
 ]
 

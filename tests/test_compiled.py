@@ -1,4 +1,6 @@
-"""Compiled loops: one compilation for every kind of array, NaN passes through, machine code is kept and found again."""
+"""Compiled loops: one compilation for every kind of array, NaN passes through, machine code is kept
+and found again.
+"""
 
 import os
 import subprocess
@@ -23,7 +25,11 @@ print(sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values())
 
 
 def test_plain_takes_arrays_that_are_read_only_broadcast_or_integer():
-    for array in (np.broadcast_to(1.5, (3, 2)), np.arange(6).reshape(2, 3).T, np.ones((2, 2))[:, ::-1]):
+    for array in (
+        np.broadcast_to(1.5, (3, 2)),
+        np.arange(6).reshape(2, 3).T,
+        np.ones((2, 2))[:, ::-1],
+    ):
         made = plain(array)
         assert made.dtype == np.float64 and made.flags.c_contiguous and made.flags.writeable
         assert np.array_equal(made, array)
@@ -31,7 +37,8 @@ def test_plain_takes_arrays_that_are_read_only_broadcast_or_integer():
 
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_nan_of_one_element_is_seen_there_and_nowhere_else(name):
-    element, law = ELEMENTS[name], ELASTIC["neo_hookean"](lam=1.7, mu=0.8)
+    element = ELEMENTS[name]
+    law = ELASTIC["neo_hookean"](lam=1.7, mu=0.8)
     X = np.broadcast_to(element.node_coordinates, (3, element.nodes, element.dim))
     reference = geometry(Rule.of(element, 2), X)
     u = np.zeros(X.shape)
@@ -45,9 +52,13 @@ def test_nan_of_one_element_is_seen_there_and_nowhere_else(name):
 
 
 def started(cache):
-    """Return a process that calls a compiled loop once and prints how often its code was read and made."""
+    """Return a process that calls a compiled loop once and prints how often its code was read and
+    made.
+    """
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
-    return subprocess.Popen([sys.executable, "-c", CACHED], env=environment, stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", CACHED], env=environment, stdout=subprocess.PIPE, text=True
+    )
 
 
 def counts(process):
@@ -66,7 +77,13 @@ def test_a_first_run_knows_that_it_compiles(tmp_path):
 
     def notice(folder):
         environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
-        return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+        return subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
 
     assert f"kept in {tmp_path}" in notice(tmp_path)
     counts(started(tmp_path))

@@ -1,4 +1,6 @@
-"""The result directory: one run at a time, --force removes the files of a run and nothing else, and not before its first step."""
+"""The result directory: one run at a time, --force removes the files of a run and nothing else, and
+not before its first step.
+"""
 
 import os
 import shutil
@@ -18,13 +20,41 @@ from porofsi_petsc.output.directory import Claim, written_files
 
 COMM = MPI.COMM_SELF
 OURS = (
-    *("history.csv", "summary.json", "scene.toml", "run.log", "profiles.csv", "fields.xdmf", "checkpoint.h5", "paths.png"),
-    *("checkpoint.previous.h5", "checkpoint.next.h5", "summary.json.tmp", "checkpoint.next.h5.tmp", "reference.png"),
+    *(
+        "history.csv",
+        "summary.json",
+        "scene.toml",
+        "run.log",
+        "profiles.csv",
+        "fields.xdmf",
+        "checkpoint.h5",
+        "paths.png",
+    ),
+    *(
+        "checkpoint.previous.h5",
+        "checkpoint.next.h5",
+        "summary.json.tmp",
+        "checkpoint.next.h5.tmp",
+        "reference.png",
+    ),
     *("fields/mesh.h5", "fields/000010.h5", "fields/1000000.h5", "fields/000020.h5.tmp"),
 )
 FOREIGN = (
-    *("notes.txt", "checkpoint_keep_me.h5", "checkpoint.h5.bak", "history.csv.old", "my_pressure.png", "scene.toml~"),
-    *("fields/data.h5", "fields/12.h5", "fields/000010.h5.bak", "sub/history.csv", "fields/sub/000010.h5"),
+    *(
+        "notes.txt",
+        "checkpoint_keep_me.h5",
+        "checkpoint.h5.bak",
+        "history.csv.old",
+        "my_pressure.png",
+        "scene.toml~",
+    ),
+    *(
+        "fields/data.h5",
+        "fields/12.h5",
+        "fields/000010.h5.bak",
+        "sub/history.csv",
+        "fields/sub/000010.h5",
+    ),
 )
 
 
@@ -44,7 +74,7 @@ def claim(folder, force=False, restart=None):
     return Claim(folder, force, restart, COMM)
 
 
-# -- what may be written to -----------------------------------------------------------------------------------------------
+# -- what may be written to ------------------------------------------------------------------------
 
 
 def test_a_directory_with_files_needs_force_or_a_restart_of_its_own(tmp_path):
@@ -61,7 +91,10 @@ def test_a_directory_with_files_needs_force_or_a_restart_of_its_own(tmp_path):
 
 def test_a_directory_that_cannot_hold_results_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
-    for place, sentence in ((tmp_path / "file", "is a file"), (tmp_path / "file" / "below", "could not be created")):
+    for place, sentence in (
+        (tmp_path / "file", "is a file"),
+        (tmp_path / "file" / "below", "could not be created"),
+    ):
         with pytest.raises(InputError, match=sentence):
             claim(place)
     monkeypatch.setattr(os, "access", lambda *_: False)
@@ -75,7 +108,7 @@ def test_folders_made_for_a_run_that_is_refused_are_removed(tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-# -- what --force removes -------------------------------------------------------------------------------------------------
+# -- what --force removes --------------------------------------------------------------------------
 
 
 def test_force_removes_the_files_of_a_run_and_nothing_else_once_a_step_is_done(tmp_path):
@@ -85,11 +118,15 @@ def test_force_removes_the_files_of_a_run_and_nothing_else_once_a_step_is_done(t
         assert not any((tmp_path / name).exists() for name in OURS)
         fill(tmp_path, ("history.csv", "fields/000000.h5"))
         claimed.accept()
-    assert content(tmp_path) == {name: f"old {name}" for name in (*FOREIGN, "history.csv", "fields/000000.h5")}
+    assert content(tmp_path) == {
+        name: f"old {name}" for name in (*FOREIGN, "history.csv", "fields/000000.h5")
+    }
 
 
 def test_links_are_not_followed(tmp_path):
-    """A linked folder of fields is refused; a linked file gives way itself, not what it points to."""
+    """A linked folder of fields is refused; a linked file gives way itself, not what it points
+    to.
+    """
     fill(tmp_path / "elsewhere", ("000010.h5", "data.h5", "precious.csv"))
     here = tmp_path / "here"
     here.mkdir()
@@ -120,7 +157,9 @@ class Killed(BaseException):
 
 
 def killed_after(count, action, monkeypatch):
-    """Do an action and stop it at its call number `count` that renames or removes; return whether it came so far."""
+    """Do an action and stop it at its call number `count` that renames or removes; return whether
+    it came so far.
+    """
     done = 0
 
     def counted(call):
@@ -134,7 +173,13 @@ def killed_after(count, action, monkeypatch):
         return counting
 
     with monkeypatch.context() as patch:
-        for place, name in ((os, "rename"), (os, "replace"), (Path, "unlink"), (Path, "rmdir"), (Path, "mkdir")):
+        for place, name in (
+            (os, "rename"),
+            (os, "replace"),
+            (Path, "unlink"),
+            (Path, "rmdir"),
+            (Path, "mkdir"),
+        ):
             patch.setattr(place, name, counted(getattr(place, name)))
         try:
             action()
@@ -144,7 +189,9 @@ def killed_after(count, action, monkeypatch):
 
 
 def replace_results(folder, accept):
-    """Go through the life of a run with --force and leave the directory to the next one without the end of the claim."""
+    """Go through the life of a run with --force and leave the directory to the next one without the
+    end of the claim.
+    """
     claimed = claim(folder, force=True)
     claimed.put_aside()
     for name in ("history.csv", "fields/000000.h5"):
@@ -156,15 +203,24 @@ def replace_results(folder, accept):
 
 @pytest.mark.parametrize("accept", [False, True])
 def test_a_kill_at_any_moment_loses_nothing(tmp_path, monkeypatch, accept):
-    """Old results before the first step, or new ones after it: the next run finds one of them complete, and foreign files."""
-    old = {name: f"old {name}" for name in ("history.csv", "summary.json", "fields/000010.h5", "notes.txt")}
+    """Old results before the first step, or new ones after it: the next run finds one of them
+    complete, and foreign files.
+    """
+    old = {
+        name: f"old {name}"
+        for name in ("history.csv", "summary.json", "fields/000010.h5", "notes.txt")
+    }
     new = {"history.csv": "new", "fields/000000.h5": "new", "notes.txt": "old notes.txt"}
     found = []
     for count in range(100):
         folder = tmp_path / str(count)
         fill(folder, old)
-        goes_on = killed_after(count, lambda folder=folder: replace_results(folder, accept), monkeypatch)
-        while killed_after(2, lambda folder=folder: directory._finish(folder), monkeypatch):  # the recovery is killed too
+        goes_on = killed_after(
+            count, lambda folder=folder: replace_results(folder, accept), monkeypatch
+        )
+        while killed_after(
+            2, lambda folder=folder: directory._finish(folder), monkeypatch
+        ):  # the recovery is killed too
             pass
         left = {name: text for name, text in content(folder).items() if name != ".lock"}
         assert left in (old, new), count
@@ -174,7 +230,14 @@ def test_a_kill_at_any_moment_loses_nothing(tmp_path, monkeypatch, accept):
     assert count > 8 and found == sorted(found) and found[-1] is accept
 
 
-TINY = ("expect=[]", "mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.step=1e-3", "figures={}")
+TINY = (
+    "expect=[]",
+    "mesh.order=1",
+    "mesh.x.cells=[4, 2, 4]",
+    "mesh.y.cells=[4]",
+    "time.step=1e-3",
+    "figures={}",
+)
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +257,9 @@ def finished(tmp_path_factory):
         ("coupling.max_iterations=1", (), "did not converge"),
     ],
 )
-def test_a_forced_run_that_is_refused_leaves_the_earlier_results(finished, change, options, sentence, capsys):
+def test_a_forced_run_that_is_refused_leaves_the_earlier_results(
+    finished, change, options, sentence, capsys
+):
     before = {path.name: path.read_bytes() for path in written_files(finished)}
     with pytest.raises(PorofsiError, match=sentence):
         run_here(Job("pulse2d", str(finished), (*TINY, change), force=True, petsc_options=options))
@@ -206,12 +271,18 @@ def test_a_forced_run_that_is_refused_leaves_the_earlier_results(finished, chang
 
 def test_a_forced_run_replaces_the_earlier_results(finished, tmp_path):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    assert run_here(Job("pulse2d", str(tmp_path), (*TINY, "time.end=1e-3"), force=True))["steps"] == 1
+    assert (
+        run_here(Job("pulse2d", str(tmp_path), (*TINY, "time.end=1e-3"), force=True))["steps"] == 1
+    )
     assert len(history(tmp_path)["t"]) == 2 and not list(tmp_path.glob("porofsi.*"))
-    assert {path.name for path in (tmp_path / "fields").iterdir()} <= {"mesh.h5", "000000.h5", "000001.h5"}
+    assert {path.name for path in (tmp_path / "fields").iterdir()} <= {
+        "mesh.h5",
+        "000000.h5",
+        "000001.h5",
+    }
 
 
-# -- one run at a time ----------------------------------------------------------------------------------------------------
+# -- one run at a time -----------------------------------------------------------------------------
 
 HOLD = """
 import sys, time
@@ -235,7 +306,9 @@ def holder(tmp_path):
 
 def test_a_second_run_is_refused_and_a_killed_one_is_not_in_the_way(tmp_path, holder):
     for choice in ({}, {"force": True}, {"restart": tmp_path / "checkpoint.h5"}):
-        with pytest.raises(InputError, match=rf"a run is writing there \(process {holder.pid} on .*--output"):
+        with pytest.raises(
+            InputError, match=rf"a run is writing there \(process {holder.pid} on .*--output"
+        ):
             claim(tmp_path, **choice)
     holder.send_signal(signal.SIGKILL)
     holder.wait()
@@ -247,11 +320,15 @@ def test_a_second_run_is_refused_and_a_killed_one_is_not_in_the_way(tmp_path, ho
 def refused_lock(folder):
     """Refuse a folder for its .lock in every way to take it."""
     for choice in ({}, {"force": True}, {"restart": folder / "checkpoint.h5"}):
-        with pytest.raises(InputError, match=r"\.lock: received a link or a file that no run has written"):
+        with pytest.raises(
+            InputError, match=r"\.lock: received a link or a file that no run has written"
+        ):
             claim(folder, **choice)
 
 
-@pytest.mark.parametrize("text", ["precious", "process 1 on machine\nand more\n", "\n", "\0", "p" * 5000])
+@pytest.mark.parametrize(
+    "text", ["precious", "process 1 on machine\nand more\n", "\n", "\0", "p" * 5000]
+)
 def test_a_lock_file_of_the_users_own_is_left_alone(tmp_path, text):
     (tmp_path / ".lock").write_text(text)
     refused_lock(tmp_path)
@@ -261,7 +338,8 @@ def test_a_lock_file_of_the_users_own_is_left_alone(tmp_path, text):
 @pytest.mark.parametrize("text", [None, "", "precious", "process 1 on machine\n"])
 def test_a_linked_lock_is_not_followed(tmp_path, text):
     """To any file, also to none and to one like a lock."""
-    precious, folder = tmp_path / "precious.txt", tmp_path / "here"
+    precious = tmp_path / "precious.txt"
+    folder = tmp_path / "here"
     folder.mkdir()
     (folder / ".lock").symlink_to(precious)
     if text is not None:
@@ -292,7 +370,8 @@ def test_the_lock_is_that_of_the_file_under_its_name(tmp_path, monkeypatch):
     """The one opened may be removed by its holder before it is locked: then the new one counts."""
     from porofsi_petsc.output import lock
 
-    real, removed = lock.fcntl.flock, []
+    real = lock.fcntl.flock
+    removed = []
 
     def late(file, how):
         if not removed:
@@ -309,8 +388,19 @@ def test_the_lock_is_that_of_the_file_under_its_name(tmp_path, monkeypatch):
 
 def test_two_runs_do_not_mix_their_results(tmp_path):
     """The second one, with --force, ends with 2 while the first goes on undisturbed."""
-    words = [sys.executable, "-m", "porofsi_petsc", "run", "pulse2d", "--output", str(tmp_path), *changes((*TINY, "time.end=10"))]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()) as first:
+    words = [
+        sys.executable,
+        "-m",
+        "porofsi_petsc",
+        "run",
+        "pulse2d",
+        "--output",
+        str(tmp_path),
+        *changes((*TINY, "time.end=10")),
+    ]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
+    ) as first:
         deadline = time.monotonic() + 60
         while not (tmp_path / "history.csv").exists() or len(history(tmp_path)["t"]) < 3:
             assert time.monotonic() < deadline and first.poll() is None
@@ -318,6 +408,14 @@ def test_two_runs_do_not_mix_their_results(tmp_path):
         second = by_command_line("pulse2d", tmp_path, *changes((*TINY, "time.end=2e-3")), "--force")
         first.send_signal(signal.SIGTERM)
         _, error = first.communicate(timeout=60)
-    assert second.returncode == 2 and f"process {first.pid} on" in second.stderr and "Traceback" not in second.stderr
+    assert (
+        second.returncode == 2
+        and f"process {first.pid} on" in second.stderr
+        and "Traceback" not in second.stderr
+    )
     assert first.returncode == 4, error
-    assert header(tmp_path / "checkpoint.h5")["step"] == summary(tmp_path)["steps"] == len(history(tmp_path)["t"]) - 1
+    assert (
+        header(tmp_path / "checkpoint.h5")["step"]
+        == summary(tmp_path)["steps"]
+        == len(history(tmp_path)["t"]) - 1
+    )

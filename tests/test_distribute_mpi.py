@@ -1,4 +1,6 @@
-"""The distributed mesh: the same on any number of ranks (run under mpirun with -m mpi; passes on one rank too)."""
+"""The distributed mesh: the same on any number of ranks (run under mpirun with -m mpi; passes on
+one rank too).
+"""
 
 from types import SimpleNamespace
 
@@ -22,10 +24,19 @@ def serial_mesh(name):
     if name == "T6":
         patch = SimpleNamespace(name="strip", side="top", x=[1.0, 2.0])
         region = SimpleNamespace(name="core", x=[1.0, 2.0], y=None)
-        return rectangle(axis([0.0, 1.0, 2.0], [5, 4]), axis([0.0, 1.0], [4]), 2, "alternating", [patch], [region])
+        return rectangle(
+            axis([0.0, 1.0, 2.0], [5, 4]),
+            axis([0.0, 1.0], [4]),
+            2,
+            "alternating",
+            [patch],
+            [region],
+        )
     if name == "T4":
         return box(axis([0.0, 1.0], [3]), axis([0.0, 1.0], [2]), axis([0.0, 2.0], [4]))
-    return rectangle(axis([0.0, 1.0], [1]), axis([0.0, 1.0], [1]))  # "tiny": four nodes, empty ranks on five
+    return rectangle(
+        axis([0.0, 1.0], [1]), axis([0.0, 1.0], [1])
+    )  # "tiny": four nodes, empty ranks on five
 
 
 @pytest.fixture(scope="module", params=["T6", "T4", "tiny"])
@@ -54,7 +65,11 @@ def test_coordinates_cells_and_regions_are_those_of_the_serial_mesh(meshes):
     assert np.array_equal(local.X, serial.points[local.natural])
     assert np.array_equal(local.natural[local.cells], serial.cells[local.cell_natural])
     assert np.array_equal(local.cell_region, serial.cell_region[local.cell_natural])
-    assert (local.regions, local.hash, local.n_cells_global) == (serial.regions, serial.hash, len(serial.cells))
+    assert (local.regions, local.hash, local.n_cells_global) == (
+        serial.regions,
+        serial.hash,
+        len(serial.cells),
+    )
     assert (local.dim, local.element) == (serial.dim, serial.element)
 
 
@@ -72,7 +87,10 @@ def test_every_facet_is_owned_once_and_present_with_its_cell(meshes):
     assert list(local.facets) == list(serial.facets)
     for tag, nodes in serial.facets.items():
         facets = local.facets[tag]
-        assert np.array_equal(facets.nodes, local.cells[facets.cells[:, None], np.array(local.element.facets)[facets.local]])
+        assert np.array_equal(
+            facets.nodes,
+            local.cells[facets.cells[:, None], np.array(local.element.facets)[facets.local]],
+        )
         owned = np.concatenate(COMM.allgather(local.natural[facets.nodes[facets.owned]]))
         assert sorted(map(tuple, owned)) == sorted(map(tuple, nodes))
         touching = np.isin(nodes, local.natural[: local.n_owned]).any(axis=1)
@@ -101,7 +119,11 @@ def test_halo_refuses_a_field_of_another_size(meshes):
 @pytest.mark.parametrize("dtype", [float, np.int32, bool])
 def test_natural_order_round_trip(meshes, shape, dtype):
     serial, local = meshes
-    values = (10 * np.random.default_rng(2).random((len(serial.points), *shape))).astype(int).astype(dtype)
+    values = (
+        (10 * np.random.default_rng(2).random((len(serial.points), *shape)))
+        .astype(int)
+        .astype(dtype)
+    )
     low, high = local.order.bounds[COMM.rank : COMM.rank + 2]
     owned = values[local.natural[: local.n_owned]]
     slab = local.order.to_slab(owned)
@@ -123,7 +145,9 @@ def test_sums_over_owned_cells_and_facets_equal_the_serial_ones(meshes):
         return np.linalg.det(points[cells[:, 1 : serial.dim + 1]] - points[cells[:, :1]])
 
     total = COMM.allreduce(volumes(local.X, local.cells[local.cell_owned]).sum())
-    assert total == pytest.approx(volumes(serial.points, serial.cells).sum(), rel=1e-13)  # the order of the sum differs
+    assert total == pytest.approx(
+        volumes(serial.points, serial.cells).sum(), rel=1e-13
+    )  # the order of the sum differs
     for tag, nodes in serial.facets.items():
         facets = local.facets[tag]
         total = COMM.allreduce(local.X[facets.nodes[facets.owned]].sum(axis=(0, 1)))
@@ -131,10 +155,14 @@ def test_sums_over_owned_cells_and_facets_equal_the_serial_ones(meshes):
 
 
 def test_rows_of_owned_nodes_need_no_communication(meshes):
-    """Sums over all local cells are complete on the owned nodes: the number of cells at each node."""
+    """Sums over all local cells are complete on the owned nodes: the number of cells at each
+    node.
+    """
     serial, local = meshes
     counted = np.bincount(local.cells.ravel(), minlength=local.n_local)[: local.n_owned]
-    assert np.array_equal(counted, np.bincount(serial.cells.ravel())[local.natural[: local.n_owned]])
+    assert np.array_equal(
+        counted, np.bincount(serial.cells.ravel())[local.natural[: local.n_owned]]
+    )
 
 
 def test_partition_is_repeatable_and_balanced():
@@ -154,4 +182,6 @@ def test_bisection_is_balanced_to_one_node_per_cut(parts):
     counts = np.bincount(coordinate_bisection(points, parts), minlength=parts)
     assert len(counts) == parts and counts.sum() == len(points)
     assert abs(counts - len(points) / parts).max() <= 2
-    assert np.array_equal(coordinate_bisection(points, parts), coordinate_bisection(points.copy(), parts))
+    assert np.array_equal(
+        coordinate_bisection(points, parts), coordinate_bisection(points.copy(), parts)
+    )

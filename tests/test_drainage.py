@@ -1,4 +1,6 @@
-"""What is prescribed for the pore fluid on one surface: a pressure, a flux or a wall, and nothing that contradicts it."""
+"""What is prescribed for the pore fluid on one surface: a pressure, a flux or a wall, and nothing
+that contradicts it.
+"""
 
 import pytest
 
@@ -8,13 +10,21 @@ from porofsi_petsc.simulation import check
 
 pytestmark = pytest.mark.usefixtures("petsc")
 SMALL = ("mesh.y.cells=[4]", "mesh.y.ratios=[1.0]", "expect=[]", "reference.times=[]")
-SIDES, BASE = "{on=['left', 'right'], displacement={x=0}, velocity={x=0}}", "{on='bottom', displacement={y=0}, pressure=0}"
-DRAINED = r"\[boundary\.2\.velocity\]: tag 'top' has boundary\.2\.pressure, which .* beside the normal velocity; remove one"
-WALL = r"\[boundary\.2\.velocity\]: tag 'top': received a velocity of .* m/s through the wall .*`flux`"
+SIDES = "{on=['left', 'right'], displacement={x=0}, velocity={x=0}}"
+BASE = "{on='bottom', displacement={y=0}, pressure=0}"
+DRAINED = (
+    r"\[boundary\.2\.velocity\]: tag 'top' has boundary\.2\.pressure, which .* beside the normal"
+    r" velocity; remove one"
+)
+WALL = (
+    r"\[boundary\.2\.velocity\]: tag 'top': received a velocity of .* m/s through the wall .*`flux`"
+)
 
 
 def scene(top, *changes):
-    return load_scene("terzaghi", (*SMALL, f"boundary=[{SIDES}, {BASE}, {{on='top', {top}}}]", *changes))
+    return load_scene(
+        "terzaghi", (*SMALL, f"boundary=[{SIDES}, {BASE}, {{on='top', {top}}}]", *changes)
+    )
 
 
 @pytest.mark.parametrize(
@@ -22,7 +32,10 @@ def scene(top, *changes):
     [
         ("pressure=0, velocity={y=0}", DRAINED),
         ("pressure='1e3*t', velocity={x=0, y=-1e-3}", DRAINED),
-        ("velocity={y=-1e-3}", WALL),  # flowed along the nodes of the top, and through it nothing: no inflow, exit code 0
+        (
+            "velocity={y=-1e-3}",
+            WALL,
+        ),  # flowed along the nodes of the top, and through it nothing: no inflow, exit code 0
         ("velocity={y=0}, displacement={y='-1e-3*t'}", WALL),
         ("velocity={y=0}, displacement={y=-1e-3}", WALL),  # in the first step
         ("velocity={y=0}, displacement={y='-1e-3*sin(t)'}", WALL),
@@ -57,5 +70,7 @@ def test_a_normal_velocity_of_the_wall_is_accepted(top):
 
 
 def test_a_drained_wall_without_slip_is_refused():
-    with pytest.raises(InputError, match="tag 'top' has boundary.2.pressure already, which excludes no_slip"):
+    with pytest.raises(
+        InputError, match="tag 'top' has boundary.2.pressure already, which excludes no_slip"
+    ):
         scene("pressure=0, no_slip=true", "model.viscosity=true", "material.0.fluid.viscosity=1e-3")

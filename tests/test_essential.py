@@ -1,4 +1,6 @@
-"""Surfaces that meet in a node: one value holds there, by priority and not by the order of entries, or the scene is refused."""
+"""Surfaces that meet in a node: one value holds there, by priority and not by the order of entries,
+or the scene is refused.
+"""
 
 import itertools
 from types import SimpleNamespace
@@ -47,7 +49,8 @@ def test_the_highest_precedence_holds_in_any_order(order):
     """Beside it the lower ones may differ: none of them holds at the node."""
     mesh = square()
     given = [entry("left", 3.0, 2.0), entry("bottom", 5.0), entry("right", 7.0, -1.0)]
-    dirichlet, field = Dirichlet(mesh, 1, [given[i] for i in order], times=[0.0]), np.zeros((mesh.n_local, 1))
+    dirichlet = Dirichlet(mesh, 1, [given[i] for i in order], times=[0.0])
+    field = np.zeros((mesh.n_local, 1))
     dirichlet.apply(field, 1.0)
     assert [on_node(mesh, field, place) for place in ((0, 0), (1, 0), (1, 1))] == [3.0, 5.0, 7.0]
 
@@ -64,7 +67,8 @@ def test_two_values_on_a_node_are_refused_with_place_and_advice(order):
 
 @pytest.mark.mpi
 def test_values_that_agree_to_round_off_are_one():
-    mesh, field = square(), np.zeros((square().n_local, 1))
+    mesh = square()
+    field = np.zeros((square().n_local, 1))
     given = [
         entry("left", "0.1 + 0.2 + y"),
         entry("bottom", "0.3 + x"),
@@ -79,9 +83,13 @@ def test_values_that_agree_to_round_off_are_one():
 def test_values_that_part_later_are_refused_when_they_do():
     """On all ranks, so that the run ends in one sentence."""
     mesh = square()
-    dirichlet = Dirichlet(mesh, 1, [entry("left", "where(t > 0.7, 1, 0)"), entry("bottom", 0.0)], times=[0.0, 0.5])
+    dirichlet = Dirichlet(
+        mesh, 1, [entry("left", "where(t > 0.7, 1, 0)"), entry("bottom", 0.0)], times=[0.0, 0.5]
+    )
     dirichlet.apply(np.zeros((mesh.n_local, 1)), 0.6)
-    with pytest.raises(InputError, match=r"received 1 on 'left' at the node \(0, 0\) m at t = 0\.8 s"):
+    with pytest.raises(
+        InputError, match=r"received 1 on 'left' at the node \(0, 0\) m at t = 0\.8 s"
+    ):
         dirichlet.apply(np.zeros((mesh.n_local, 1)), 0.8)
 
 
@@ -89,17 +97,28 @@ def test_other_components_are_no_conflict():
     Dirichlet(square(), 2, [entry("left", 1.0), entry("bottom", 2.0, component=1)], times=[0.0])
 
 
-# -- scenes ---------------------------------------------------------------------------------------------------------------
+# -- scenes ----------------------------------------------------------------------------------------
 
-SMALL = ("mesh.x.cells=[3]", "mesh.y.cells=[4]", "mesh.y.ratios=[1.0]", "expect=[]", "reference.times=[]", "time.end=4e-3")
-LEFT, BOTTOM = "{on=['left', 'right'], displacement={x=0, y=0}}", "{on='bottom', displacement={y=1e-4}}"
+SMALL = (
+    "mesh.x.cells=[3]",
+    "mesh.y.cells=[4]",
+    "mesh.y.ratios=[1.0]",
+    "expect=[]",
+    "reference.times=[]",
+    "time.end=4e-3",
+)
+LEFT = "{on=['left', 'right'], displacement={x=0, y=0}}"
+BOTTOM = "{on='bottom', displacement={y=1e-4}}"
 TOP = "{on='top', pressure=0.0, traction={y=-1e4}}"
 
 
 @pytest.mark.parametrize("first, second", [(LEFT, BOTTOM), (BOTTOM, LEFT)])
 def test_two_displacements_at_a_corner_are_refused(first, second, tmp_path):
     changes = (*SMALL, f"boundary=[{first}, {second}, {TOP}]")
-    sentence = r"displacement\.y\]: received 0 on 'left' at the node \(0, 0\) m .* gives 0\.0001 on 'bottom'"
+    sentence = (
+        r"displacement\.y\]: received 0 on 'left' at the node \(0, 0\) m .* gives 0\.0001 on"
+        r" 'bottom'"
+    )
     with pytest.raises(InputError, match=sentence):
         check(load_scene("terzaghi", changes))
     with pytest.raises(InputError, match=sentence):
@@ -109,7 +128,9 @@ def test_two_displacements_at_a_corner_are_refused(first, second, tmp_path):
 def end_of(directory, boundary, ranks=None):
     """Return the arrays of the last checkpoint of a run with some [[boundary]] entries."""
     job = Job(
-        "terzaghi", str(directory), (*SMALL, f"boundary=[{boundary}]", "output.checkpoint_every=1", "coupling.scheme=direct")
+        "terzaghi",
+        str(directory),
+        (*SMALL, f"boundary=[{boundary}]", "output.checkpoint_every=1", "coupling.scheme=direct"),
     )
     run_here(job) if ranks is None else run_on(ranks, [job], directory.parent)
     return state(directory / "checkpoint.h5")
@@ -128,17 +149,19 @@ def test_a_priority_holds_in_any_order_and_on_any_ranks(tmp_path):
 
 
 def test_two_pressures_at_a_corner_are_refused_and_a_hydrostatic_one_is_not():
-    sides, top = (
-        "{on=['left', 'right'], displacement={x=0}, pressure='1e4*(10 - y)'}",
-        "{on='top', pressure=%s, traction={y=-1e4}}",
-    )
+    sides = "{on=['left', 'right'], displacement={x=0}, pressure='1e4*(10 - y)'}"
+    top = "{on='top', pressure=%s, traction={y=-1e4}}"
     base = "{on='bottom', displacement={y=0}}"
     check(load_scene("terzaghi", (*SMALL, f"boundary=[{sides}, {base}, {top % 0.0}]")))
-    with pytest.raises(InputError, match=r"pressure\]: received 5 on 'top' at the node \(0, 10\) m .* gives 0 on 'left'"):
+    with pytest.raises(
+        InputError,
+        match=r"pressure\]: received 5 on 'top' at the node \(0, 10\) m .* gives 0 on 'left'",
+    ):
         check(load_scene("terzaghi", (*SMALL, f"boundary=[{top % 5.0}, {base}, {sides}]")))
 
 
-WALLS, LID = "{on=['left', 'right', 'bottom'], velocity={x=0, y=0}}", "{on='top', velocity={x=1}}"
+WALLS = "{on=['left', 'right', 'bottom'], velocity={x=0, y=0}}"
+LID = "{on='top', velocity={x=1}}"
 
 
 @pytest.mark.parametrize("lid, corner", [(LID, 0.0), (LID.replace("on=", "priority=1, on="), 1.0)])
@@ -158,7 +181,10 @@ def test_a_wall_goes_before_a_lid_unless_a_priority_says_otherwise(lid, corner):
 
 def test_two_flows_that_meet_are_refused():
     inflow = "{on='left', velocity={x=2}}"
-    with pytest.raises(InputError, match=r"velocity\.x\]: received 1 on 'top' at the node \(0, 1\) m .* gives 2 on 'left'"):
+    with pytest.raises(
+        InputError,
+        match=r"velocity\.x\]: received 1 on 'top' at the node \(0, 1\) m .* gives 2 on 'left'",
+    ):
         check(load_scene(FREE, (f"boundary=[{inflow}, {LID}, {{on=['bottom', 'right']}}]",)))
 
 

@@ -5,22 +5,38 @@ import pytest
 
 from porofsi_petsc.exact import EthierSteinman, Kovasznay, TaylorGreen
 
-RHO, MU, U, L = 2.0, 0.3, 1.5, 0.7
-FLOWS = {2: (Kovasznay(RHO, MU, U, L), TaylorGreen(RHO, MU, U, L)), 3: (EthierSteinman(RHO, MU, U, L),)}
-STEP, TIME = 1e-3, 0.2  # of central differences, whose error is 1e-6 of the derivatives times their scale
+RHO = 2.0
+MU = 0.3
+U = 1.5
+L = 0.7
+FLOWS = {
+    2: (Kovasznay(RHO, MU, U, L), TaylorGreen(RHO, MU, U, L)),
+    3: (EthierSteinman(RHO, MU, U, L),),
+}
+STEP, TIME = (
+    1e-3,
+    0.2,
+)  # of central differences, whose error is 1e-6 of the derivatives times their scale
 
 
 def differences(field, X):
     """Return the field, its gradient [..., j] and its Laplacian at points X (n, d)."""
-    here, gradient, laplacian = field(X), [], 0.0
+    here = field(X)
+    gradient = []
+    laplacian = 0.0
     for axis in np.eye(X.shape[1]):
-        ahead, behind = field(X + STEP * axis), field(X - STEP * axis)
+        ahead = field(X + STEP * axis)
+        behind = field(X - STEP * axis)
         gradient.append((ahead - behind) / (2 * STEP))
         laplacian = laplacian + (ahead - 2 * here + behind) / STEP**2
     return here, np.stack(gradient, axis=-1), laplacian
 
 
-@pytest.mark.parametrize("flow", [flow for flows in FLOWS.values() for flow in flows], ids=lambda flow: type(flow).__name__)
+@pytest.mark.parametrize(
+    "flow",
+    [flow for flows in FLOWS.values() for flow in flows],
+    ids=lambda flow: type(flow).__name__,
+)
 def test_a_flow_satisfies_the_equations(flow):
     dim = next(d for d, flows in FLOWS.items() if flow in flows)
     X = np.random.default_rng(1).uniform(-0.5, 0.5, (20, dim))
@@ -37,7 +53,8 @@ def test_a_flow_satisfies_the_equations(flow):
 def test_flows_have_the_published_numbers():
     # Kovasznay's κ at Re = 40, of countless papers: -0.9637405442
     assert Kovasznay(1.0, 1 / 40, 1.0, 1.0)._decay == pytest.approx(-0.9637405442, rel=1e-9)
-    # Ethier and Steinman's flow with a = π/4, d = π/2 in the middle of the cube: v = -a (1, 1, 1), p = -3 a²/2
+    # Ethier and Steinman's flow with a = π/4, d = π/2 in the middle of the cube: v = -a (1, 1, 1),
+    # p = -3 a²/2
     a = np.pi / 4
     flow = EthierSteinman(1.0, 1.0, a, 1.0)
     np.testing.assert_allclose(flow.velocity(0.0, np.zeros((1, 3))), -a * np.ones((1, 3)))

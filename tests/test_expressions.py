@@ -31,7 +31,10 @@ X = np.array([[0.0, 1.0], [2.0, 3.0], [4.0, -5.0]])
         ("where((x > 1) == (y > 0), 5, 6)", [6, 5, 6]),
         ("where((x > 1) >= (y > 0), 5, 6)", [6, 5, 5]),
         ("where(x, 5, 6)", [6, 5, 5]),
-        ("sin(t >= 0)", [0.8414709848078965] * 3),  # in double precision: NumPy takes the sine of a truth value in 16 bits
+        (
+            "sin(t >= 0)",
+            [0.8414709848078965] * 3,
+        ),  # in double precision: NumPy takes the sine of a truth value in 16 bits
         ("minimum(x > 1, y > 0) + maximum(x > 1, y > 0) + abs(x > 1)", [1, 3, 2]),
         ("where(x > 1, y > 0, t < 1) + 0", [1, 1, 0]),
         ("-7 % 3 + 7 % -3", [0, 0, 0]),  # signs as in Python: 2 and -2
@@ -118,9 +121,13 @@ def test_refusals(value, fragment):
     assert len(str(caught.value)) < 400 and str(caught.value).isprintable()
 
 
-@pytest.mark.parametrize("text", ["1/x", "x**0.5 - (x - 1)**0.5", "x % (t - 2)", "log(x)", "exp(1000*t)"])
+@pytest.mark.parametrize(
+    "text", ["1/x", "x**0.5 - (x - 1)**0.5", "x % (t - 2)", "log(x)", "exp(1000*t)"]
+)
 def test_what_is_not_finite_is_never_computed_on(text):
-    with pytest.raises(InputError, match=r"at t = 2 s, point \(0, 1\), expected a finite number of at most 1e\+40"):
+    with pytest.raises(
+        InputError, match=r"at t = 2 s, point \(0, 1\), expected a finite number of at most 1e\+40"
+    ):
         Expression(text)(2.0, X)
 
 
@@ -144,7 +151,11 @@ def test_table_interpolates_and_stays_constant_beyond_its_ends(tmp_path):
     table = Expression({"table": "load.csv"}, tmp_path)
     assert [table(t, X[:1])[0] for t in (-1, 0.5, 2, 9)] == [0, 5, 15, 20]
     assert table.depends_on_time and not table.is_constant
-    assert Expression({"table": "load.csv", "column": "other"}, tmp_path)(3.0, X).tolist() == [6, 6, 6]
+    assert Expression({"table": "load.csv", "column": "other"}, tmp_path)(3.0, X).tolist() == [
+        6,
+        6,
+        6,
+    ]
     assert Expression(table.source) == table
 
 
@@ -157,7 +168,11 @@ def test_table_interpolates_and_stays_constant_beyond_its_ends(tmp_path):
         ("t,a\n0\n", {}, "line 2 has 1 columns, expected 2"),
         ("t,a\n0,1\n", {"column": "b"}, "no column 'b'; choose from a"),
         ("0,1\n", {"column": "b"}, "it has no header"),
-        ("0,0,-3000,0\n1,0,-3000,0\n", {}, "received 4 columns without a header"),  # decimal commas: no load at all
+        (
+            "0,0,-3000,0\n1,0,-3000,0\n",
+            {},
+            "received 4 columns without a header",
+        ),  # decimal commas: no load at all
         ("t,f\n0,0,-3000,0\n", {}, "line 2 has 4 columns, expected 2"),
         ("0,1,2\n1,2,3\n", {}, "received 3 columns without a header"),
         ("0;1\n1;2\n", {}, "line 1 has semicolons"),

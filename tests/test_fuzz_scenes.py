@@ -1,4 +1,6 @@
-"""scripts/fuzz_scenes.py: hostile scenes and overrides are refused in a sentence, and it finds what is not."""
+"""scripts/fuzz_scenes.py: hostile scenes and overrides are refused in a sentence, and it finds what
+is not.
+"""
 
 from collections import Counter
 from unittest import mock
@@ -12,13 +14,21 @@ def test_hostile_scenes_are_valid_or_refused_in_a_sentence():
     trial = fuzz_scenes.fuzz(200, seed=1)
     print(dict(trial.counts))
     assert trial.findings == []
-    assert set(trial.counts) <= {"refused", "checked", "valid"} and trial.counts["refused"] > 100 and trial.counts["checked"] > 20
+    assert (
+        set(trial.counts) <= {"refused", "checked", "valid"}
+        and trial.counts["refused"] > 100
+        and trial.counts["checked"] > 20
+    )
 
 
 def test_a_case_is_the_same_whatever_was_tried_before():
     def texts(first, cases):
         made = []
-        with mock.patch.object(fuzz_scenes.Fuzz, "_outcome", lambda self, *_: made.append(self.path.read_bytes()) or "valid"):
+        with mock.patch.object(
+            fuzz_scenes.Fuzz,
+            "_outcome",
+            lambda self, *_: made.append(self.path.read_bytes()) or "valid",
+        ):
             fuzz_scenes.fuzz(cases, seed=3, first=first)
         return made
 
@@ -31,6 +41,13 @@ def test_what_is_no_sentence_is_found():
             return fuzz_scenes.fuzz(1).findings[:1]
 
     assert found(InputError("[time.end]: received 0, expected a number > 0")) == []
-    for error in (InputError("no place"), InputError("[a]: two\tcells"), InputError("[a]: " + "x" * 500), ZeroDivisionError("x")):
+    for error in (
+        InputError("no place"),
+        InputError("[a]: two\tcells"),
+        InputError("[a]: " + "x" * 500),
+        ZeroDivisionError("x"),
+    ):
         assert len(found(error)) == 1
-    assert Counter(problem.split(":")[0] for _, problem, _, _ in found(InputError("no place"))) == {"without a place": 1}
+    assert Counter(problem.split(":")[0] for _, problem, _, _ in found(InputError("no place"))) == {
+        "without a place": 1
+    }

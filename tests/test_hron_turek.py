@@ -1,4 +1,6 @@
-"""The channel scenes of Turek and Hron: a period that a run finds, published rows that fit the scenes, limits of a sequence."""
+"""The channel scenes of Turek and Hron: a period that a run finds, published rows that fit the
+scenes, limits of a sequence.
+"""
 
 import importlib.util
 
@@ -14,20 +16,31 @@ STEP = 0.01  # [s], 91 a period
 @pytest.fixture(scope="module")
 def study():
     """Return the study script as a module."""
-    spec = importlib.util.spec_from_file_location("study_hron_turek", ROOT / "scripts" / "study_hron_turek.py")
+    spec = importlib.util.spec_from_file_location(
+        "study_hron_turek", ROOT / "scripts" / "study_hron_turek.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
 def test_a_swinging_beam_has_its_period_in_summary_and_log(tmp_path):
-    summary = run_here(Job("hron_turek_csm3", str(tmp_path), (f"time.step={STEP}", "time.end=1.7", "output.fields_every=1000")))
+    summary = run_here(
+        Job(
+            "hron_turek_csm3",
+            str(tmp_path),
+            (f"time.step={STEP}", "time.end=1.7", "output.fields_every=1000"),
+        )
+    )
     period = summary["period"]
     tip = period["columns"]["A.u_y"]
-    # One period: the second mode, 1.4 % of the tip's motion, moves both crossings by up to 0.014/2π of it; 0.2 % by the step.
+    # One period: the second mode, 1.4 % of the tip's motion, moves both crossings by up to 0.014/2π
+    # of it; 0.2 % by the step.
     assert tip["frequency"] == pytest.approx(FREQUENCY, rel=0.007)
     assert period["end"] - period["start"] == pytest.approx(1 / FREQUENCY, rel=0.007)
-    assert tip["mean"] == pytest.approx(-tip["amplitude"], rel=0.03)  # from rest without loss: it comes back to 0 and no further
+    assert tip["mean"] == pytest.approx(
+        -tip["amplitude"], rel=0.03
+    )  # from rest without loss: it comes back to 0 and no further
     log = (tmp_path / "run.log").read_text()
     assert f"last period of A.u_y: {period['start']:.6g} s to {period['end']:.6g} s" in log
     assert f"A.u_y: {tip['mean']:.6g} +- {tip['amplitude']:.6g}, {tip['frequency']:.5g} Hz" in log
@@ -41,7 +54,8 @@ def test_every_published_row_has_its_expectation(study):
 
 
 def test_the_reference_is_the_limit_of_the_published_rows(study):
-    # The finest published row and the value the scene expects are the same number, or one more refinement apart (CSM: 2e-5).
+    # The finest published row and the value the scene expects are the same number, or one more
+    # refinement apart (CSM: 2e-5).
     for case in ("cfd1", "cfd2", "cfd3", "csm1", "csm2", "fsi1", "fsi2", "fsi3"):
         finest = list(study.published(case).values())[-1]
         for e in load_scene(f"hron_turek_{case}").expect:
@@ -52,4 +66,9 @@ def test_the_reference_is_the_limit_of_the_published_rows(study):
 def test_order_and_limit_of_halved_sizes(study):
     q, limit = study.limits([9.0, *(2.0 + 3.0 * 0.5 ** (1.5 * level) for level in range(3))])
     assert q == pytest.approx(1.5) and limit == pytest.approx(2.0)
-    assert study.limits([1.0, 2.0]) == study.limits([1.0, 2.0, 1.5]) == study.limits([1.0, 2.0, 4.0]) == (None, None)
+    assert (
+        study.limits([1.0, 2.0])
+        == study.limits([1.0, 2.0, 1.5])
+        == study.limits([1.0, 2.0, 4.0])
+        == (None, None)
+    )

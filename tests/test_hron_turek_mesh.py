@@ -1,4 +1,6 @@
-"""The shipped meshes of the channel and of the ring: geometry, names, conformity and shape of the triangles."""
+"""The shipped meshes of the channel and of the ring: geometry, names, conformity and shape of the
+triangles.
+"""
 
 import subprocess
 import sys
@@ -39,7 +41,8 @@ def area(mesh, region):
 def smallest_angle(mesh):
     """Return the smallest angle of all triangles [degrees]."""
     corners = mesh.points[mesh.cells[:, :3]]
-    a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    a = np.roll(corners, -1, axis=1) - corners
+    b = np.roll(corners, 1, axis=1) - corners
     cosine = (a * b).sum(axis=2) / np.linalg.norm(a, axis=2) / np.linalg.norm(b, axis=2)
     return np.degrees(np.arccos(cosine)).min()
 
@@ -49,7 +52,9 @@ def radius(points, centre=(0.0, 0.0)):
 
 
 def arc_error(angle, mesh, tag):
-    """Return the relative error of the area under an arc by chords, φ²/6 of each angle φ, and a bound of that by parabolas."""
+    """Return the relative error of the area under an arc by chords, φ²/6 of each angle φ, and a
+    bound of that by parabolas.
+    """
     return (angle / len(mesh.facets[tag])) ** (2 * mesh.element.order) / 6
 
 
@@ -62,17 +67,23 @@ def test_the_channel_has_its_names_and_no_bad_triangle(channel):
 def test_the_areas_of_channel_and_beam_are_exact_up_to_the_arcs(channel):
     half_angle = np.arcsin(HALF / RADIUS)
     wetted = 2 * (np.pi - half_angle)
-    sector = half_angle * RADIUS**2 + HALF * np.sqrt(RADIUS**2 - HALF**2)  # of the disc, on which the beam stands
+    sector = half_angle * RADIUS**2 + HALF * np.sqrt(
+        RADIUS**2 - HALF**2
+    )  # of the disc, on which the beam stands
     beam = 2 * HALF * (TIP - CENTRE[0]) - sector
     fluid = 2.5 * 0.41 - np.pi * RADIUS**2 - beam
     error = np.pi * RADIUS**2 * arc_error(wetted, channel, "cylinder")
     assert area(channel, "fluid") == pytest.approx(fluid, abs=error)
-    assert area(channel, "beam") == pytest.approx(beam, abs=sector * arc_error(2 * half_angle, channel, "root"))
+    assert area(channel, "beam") == pytest.approx(
+        beam, abs=sector * arc_error(2 * half_angle, channel, "root")
+    )
 
 
 def test_cylinder_and_root_lie_on_the_circle_and_close_it(channel):
     for tag in ("cylinder", "root"):
-        assert radius(channel.points[channel.facets[tag]].reshape(-1, 2), CENTRE) == pytest.approx(RADIUS, rel=1e-12)
+        assert radius(channel.points[channel.facets[tag]].reshape(-1, 2), CENTRE) == pytest.approx(
+            RADIUS, rel=1e-12
+        )
     ends = np.concatenate([channel.facets[tag][:, :2] for tag in ("cylinder", "root")])
     assert np.array_equal(np.bincount(ends.ravel())[np.unique(ends)], np.full(len(ends), 2))
 
@@ -84,14 +95,27 @@ def test_the_interface_is_the_wetted_boundary_of_the_beam_with_the_point_a(chann
     tip = np.isclose(points[..., 0], TIP, rtol=0, atol=1e-12).all(axis=1)
     assert (sides ^ tip).all()
     length = np.linalg.norm(points[:, 1] - points[:, 0], axis=1).sum()
-    assert length == pytest.approx(2 * (TIP - CENTRE[0] - np.sqrt(RADIUS**2 - HALF**2)) + 2 * HALF, rel=1e-12)
-    assert np.isclose(channel.points[np.unique(nodes[tip])], [TIP, CENTRE[1]], rtol=0, atol=1e-12).all(axis=1).any()
+    assert length == pytest.approx(
+        2 * (TIP - CENTRE[0] - np.sqrt(RADIUS**2 - HALF**2)) + 2 * HALF, rel=1e-12
+    )
+    assert (
+        np.isclose(channel.points[np.unique(nodes[tip])], [TIP, CENTRE[1]], rtol=0, atol=1e-12)
+        .all(axis=1)
+        .any()
+    )
 
 
 def test_fluid_and_beam_share_the_interface_and_nothing_else(channel):
-    of = {name: np.unique(channel.cells[channel.cell_region == i]) for i, name in enumerate(channel.regions)}
-    assert np.array_equal(np.intersect1d(of["fluid"], of["beam"]), np.unique(channel.facets["interface"]))
-    outer = sum(len(channel.facets[tag]) for tag in ("inlet", "outlet", "walls", "cylinder", "root"))
+    of = {
+        name: np.unique(channel.cells[channel.cell_region == i])
+        for i, name in enumerate(channel.regions)
+    }
+    assert np.array_equal(
+        np.intersect1d(of["fluid"], of["beam"]), np.unique(channel.facets["interface"])
+    )
+    outer = sum(
+        len(channel.facets[tag]) for tag in ("inlet", "outlet", "walls", "cylinder", "root")
+    )
     assert (facet_multiplicity(channel.cells, channel.element) == 1).sum() == outer
 
 
@@ -105,9 +129,19 @@ def test_a_level_below_zero_doubles_the_sizes(tmp_path):
     """Two elements over the thickness of the beam, its tip in two with the point A between them."""
     pytest.importorskip("gmsh")
     path = tmp_path / "coarse.msh"
-    words = [sys.executable, SCRIPTS / "make_hron_turek.py", "--level", "-1", "--order", "2", "--output", path]
+    words = [
+        sys.executable,
+        SCRIPTS / "make_hron_turek.py",
+        "--level",
+        "-1",
+        "--order",
+        "2",
+        "--output",
+        path,
+    ]
     subprocess.run(words, check=True, capture_output=True)
-    coarse, fine = read_mesh(path, 2), read_mesh(MESHES / "hron_turek_0_p2.msh", 2)
+    coarse = read_mesh(path, 2)
+    fine = read_mesh(MESHES / "hron_turek_0_p2.msh", 2)
     for tag in ("root", "interface"):
         assert len(fine.facets[tag]) == 2 * len(coarse.facets[tag])
     assert (coarse.points == (TIP, CENTRE[1])).all(axis=1).any() and smallest_angle(coarse) > 20
@@ -122,4 +156,6 @@ def test_the_quarter_ring_has_its_names_radii_and_areas(ring):
     error = arc_error(np.pi / 2, ring, "wall") * np.pi / 4 * (1.5**2 + 1.05**2)
     assert area(ring, "ring") == pytest.approx(np.pi / 4 * (1.05**2 - 0.95**2), abs=error)
     assert area(ring, "fluid") == pytest.approx(np.pi / 4 * (1.5**2 - 1.05**2), abs=error)
-    assert smallest_angle(ring) > 3  # in the thin rows at the interface and at the wall, 12 times as long as thick
+    assert (
+        smallest_angle(ring) > 3
+    )  # in the thin rows at the interface and at the wall, 12 times as long as thick

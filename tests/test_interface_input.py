@@ -1,4 +1,6 @@
-"""Scenes of solids and free fluids that ask for what there is not: one sentence that says where, what and what to do."""
+"""Scenes of solids and free fluids that ask for what there is not: one sentence that says where,
+what and what to do.
+"""
 
 import json
 import re
@@ -16,13 +18,22 @@ from porofsi_petsc.phases.solid import SolidPhase
 from porofsi_petsc.simulation import check
 
 FLAP = str(SCENES / "flap.toml")
-POROUS = "{region='flap', porosity=0.3, solid={law='linear_elastic', young=1e5, poisson=0.3, density=1e3},"
+POROUS = (
+    "{region='flap', porosity=0.3, solid={law='linear_elastic', young=1e5, poisson=0.3,"
+    " density=1e3},"
+)
 POROUS += " fluid={density=1e3, viscosity=1.0}, permeability={law='constant', intrinsic=1e-8}}"
 FLUID = "{region='body', fluid={density=1e3, viscosity=1.0}}"
 SOLID = "{region='flap', solid={law='linear_elastic', young=1e5, poisson=0.3, density=1e3}}"
-CLOSED = "boundary=[{on=['left','right','top','bottom'], velocity={x=0, y=0}, displacement={x=0, y=0}}]"
+CLOSED = (
+    "boundary=[{on=['left','right','top','bottom'], velocity={x=0, y=0}, displacement={x=0, y=0}}]"
+)
 SPLIT_FLOOR = "mesh.patches=[{name='foot', side='bottom', x=[0.4, 0.5]}]"
-SIDES = ["{on='left', velocity={x=1, y=0}}", "{on='right'}", "{on=['top','bottom'], velocity={x=0, y=0}}"]
+SIDES = [
+    "{on='left', velocity={x=1, y=0}}",
+    "{on='right'}",
+    "{on=['top','bottom'], velocity={x=0, y=0}}",
+]
 
 
 def sides(*entries):
@@ -34,50 +45,99 @@ def sides(*entries):
 WRONG = {
     "neither solid nor fluid": (
         [f"material=[{FLUID}, {{region='flap'}}]"],
-        r"\[material\.1\]: received neither solid nor fluid, expected one of them, or both with porosity and permeability",
+        (
+            r"\[material\.1\]: received neither solid nor fluid, expected one of them, or both with"
+            r" porosity and permeability"
+        ),
     ),
     "porous solid, partitioned": (
         [f"material=[{FLUID}, {POROUS}]"],
-        r"\[coupling\.scheme\]: received 'partitioned' with a porous material beside a free fluid, expected 'quasi_direct' or",
+        (
+            r"\[coupling\.scheme\]: received 'partitioned' with a porous material beside a free"
+            r" fluid, expected 'quasi_direct' or"
+        ),
     ),
-    "pressure": ([sides("{on='foot', pressure=0}"), SPLIT_FLOOR], r"\[boundary\.3\.pressure\]: .*; prescribe a traction"),
-    "flux": ([sides("{on='foot', flux=0}"), SPLIT_FLOOR], r"\[boundary\.3\.flux\]: .*; prescribe a velocity"),
-    "no slip": ([sides("{on='foot', no_slip=true}"), SPLIT_FLOOR], r"\[boundary\.3\.no_slip\]: .*; prescribe a velocity"),
+    "pressure": (
+        [sides("{on='foot', pressure=0}"), SPLIT_FLOOR],
+        r"\[boundary\.3\.pressure\]: .*; prescribe a traction",
+    ),
+    "flux": (
+        [sides("{on='foot', flux=0}"), SPLIT_FLOOR],
+        r"\[boundary\.3\.flux\]: .*; prescribe a velocity",
+    ),
+    "no slip": (
+        [sides("{on='foot', no_slip=true}"), SPLIT_FLOOR],
+        r"\[boundary\.3\.no_slip\]: .*; prescribe a velocity",
+    ),
     "closed fluid": (
         [CLOSED, "coupling.interface='dirichlet_neumann'"],
-        r"\[coupling\.interface\]: received 'dirichlet_neumann' with a fluid that the solid closes: .* no level; leave",
+        (
+            r"\[coupling\.interface\]: received 'dirichlet_neumann' with a fluid that the solid"
+            r" closes: .* no level; leave"
+        ),
     ),
     "closed fluid that sees nothing": (
         [CLOSED, "coupling.scheme='one_way'"],
-        r"\[coupling\.scheme\]: received 'one_way' with a fluid that the solid closes: .* no level; leave",
+        (
+            r"\[coupling\.scheme\]: received 'one_way' with a fluid that the solid closes: .* no"
+            r" level; leave"
+        ),
     ),
     "velocity on a solid": (
         [sides("{on='foot', velocity={x=0}}"), SPLIT_FLOOR],
-        r"\[boundary\.3\.velocity\.x\]: tag 'foot' is on the solid, expected a surface of the fluid; prescribe a displacement",
+        (
+            r"\[boundary\.3\.velocity\.x\]: tag 'foot' is on the solid, expected a surface of the"
+            r" fluid; prescribe a displacement"
+        ),
     ),
     "traction on both": (
         [sides("{on='bottom', traction={x=1}}").replace("'top','bottom'", "'top'")],
-        r"\[boundary\.3\.traction\.x\]: tag 'bottom' is on fluid and solid, expected .* one of them; give each part a tag",
+        (
+            r"\[boundary\.3\.traction\.x\]: tag 'bottom' is on fluid and solid, expected .* one of"
+            r" them; give each part a tag"
+        ),
     ),
     "traction beside a displacement of the solid": (
         [sides("{on='foot', displacement={x=0, y=0}}", "{on='foot', traction={y=1}}"), SPLIT_FLOOR],
-        r"\[boundary\.4\.traction\.y\]: tag 'foot' has boundary\.3\.displacement\.y already.*; remove one of the two",
+        (
+            r"\[boundary\.4\.traction\.y\]: tag 'foot' has boundary\.3\.displacement\.y already.*;"
+            r" remove one of the two"
+        ),
     ),
     "traction beside a velocity of the fluid": (
-        [sides("{on='right', traction={x=1}}", "{on='right', velocity={x=1}}", "{on='foot'}"), SPLIT_FLOOR],
-        r"\[boundary\.4\.velocity\.x\]: tag 'right' has boundary\.3\.traction\.x already.*; remove one of the two",
+        [
+            sides("{on='right', traction={x=1}}", "{on='right', velocity={x=1}}", "{on='foot'}"),
+            SPLIT_FLOOR,
+        ],
+        (
+            r"\[boundary\.4\.velocity\.x\]: tag 'right' has boundary\.3\.traction\.x already.*;"
+            r" remove one of the two"
+        ),
     ),
     "condition on the interface": (
         [sides("{on='interface', velocity={x=1}}")],
-        r"\[boundary\.3\.velocity\.x\]: tag 'interface' lies between solid and fluid, which set the conditions there; remove it",
+        (
+            r"\[boundary\.3\.velocity\.x\]: tag 'interface' lies between solid and fluid, which set"
+            r" the conditions there; remove it"
+        ),
     ),
     "force on an unknown tag": (
         ["force=[{name='F', on='lid'}]"],
-        r"\[force\.0\.on\]: the mesh has no boundary tag 'lid'; choose from bottom, interface, left, right, top",
+        (
+            r"\[force\.0\.on\]: the mesh has no boundary tag 'lid'; choose from bottom, interface,"
+            r" left, right, top"
+        ),
     ),
     "force on a solid and a fluid": (
-        [sides("{on='foot', displacement={x=0, y=0}}"), SPLIT_FLOOR, "force=[{name='F', on=['top', 'foot']}]"],
-        r"\[force\.0\.on\]: received 'foot' on the solid and 'top' on the fluid, expected surfaces of one of them; .*",
+        [
+            sides("{on='foot', displacement={x=0, y=0}}"),
+            SPLIT_FLOOR,
+            "force=[{name='F', on=['top', 'foot']}]",
+        ],
+        (
+            r"\[force\.0\.on\]: received 'foot' on the solid and 'top' on the fluid, expected"
+            r" surfaces of one of them; .*"
+        ),
     ),
     "two forces of one name": (
         ["force=[{name='F', on='top'}, {name='F', on='left'}]"],
@@ -89,11 +149,17 @@ WRONG = {
     ),
     "flow in the solid": (
         ["probe=[{name='P', at=[0.45, 0.1], quantities=['u_x', 'vf_x']}]"],
-        r"\[probe\.0\]: received vf_x at \(0\.45, 0\.1\) m in the solid, expected a point of the fluid; .*",
+        (
+            r"\[probe\.0\]: received vf_x at \(0\.45, 0\.1\) m in the solid, expected a point of"
+            r" the fluid; .*"
+        ),
     ),
     "pressure in the solid": (
         ["probe=[{name='P', at=[0.45, 0.1], quantities=['p']}]"],
-        r"\[probe\.0\]: received p at \(0\.45, 0\.1\) m in the solid, expected a point of the fluid",
+        (
+            r"\[probe\.0\]: received p at \(0\.45, 0\.1\) m in the solid, expected a point of the"
+            r" fluid"
+        ),
     ),
     "porosity without pores": (
         ["probe=[{name='P', at=[0.45, 0.1], quantities=['n_f']}]"],
@@ -101,15 +167,24 @@ WRONG = {
     ),
     "unknown law of the mesh": (
         ["mesh_motion.law=springs"],
-        r"\[mesh_motion\.law\]: received 'springs', expected one of linear_elastic, harmonic, neo_hookean",
+        (
+            r"\[mesh_motion\.law\]: received 'springs', expected one of linear_elastic, harmonic,"
+            r" neo_hookean"
+        ),
     ),
     "steady with inertia": (
         ["time.scheme=steady", "model.solid_inertia=true"],
-        r"\[time\.scheme\]: received 'steady' with inertia, expected model\.solid_inertia = false and .*",
+        (
+            r"\[time\.scheme\]: received 'steady' with inertia, expected model\.solid_inertia ="
+            r" false and .*"
+        ),
     ),
     "no viscosity": (
         ["model.viscosity=false"],
-        r"\[model\.viscosity\]: received false with a free fluid of material\.0\.fluid\.viscosity = 1 Pa s, expected true, or",
+        (
+            r"\[model\.viscosity\]: received false with a free fluid of"
+            r" material\.0\.fluid\.viscosity = 1 Pa s, expected true, or"
+        ),
     ),
     "a pair of conditions without an interface": (
         [f"material=[{FLUID.replace('body', 'all')}]", "coupling.interface=robin_neumann"],
@@ -117,7 +192,10 @@ WRONG = {
     ),
     "a law of soils": (
         ["material.1.solid.law=xie_leo"],
-        r"\[material\.1\.solid\.law\]: received 'xie_leo', a law of soils, for a solid without pores; choose another",
+        (
+            r"\[material\.1\.solid\.law\]: received 'xie_leo', a law of soils, for a solid without"
+            r" pores; choose another"
+        ),
     ),
     "auto": (
         ["model.convection=auto"],
@@ -139,40 +217,74 @@ def test_wrong_input_is_one_sentence(case):
 
 def test_regions_without_a_common_surface_are_refused(tmp_path):
     """Two blocks of a mesh file that lie against each other with nodes of their own."""
-    points = np.array([[x, y, 0.0] for x0 in (0.0, 1.0) for x, y in ((x0, 0), (x0 + 1, 0), (x0 + 1, 1), (x0, 1))])
+    points = np.array(
+        [[x, y, 0.0] for x0 in (0.0, 1.0) for x, y in ((x0, 0), (x0 + 1, 0), (x0 + 1, 1), (x0, 1))]
+    )
     triangles = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
     lines = np.array([[a + b, a + (b + 1) % 4] for a in (0, 4) for b in range(4)])
     groups = {"flap": [1, 2], "body": [2, 2], "sides": [3, 1]}
     tags = [np.array([3] * 8), np.array([1, 1, 2, 2])]
     mesh = meshio.Mesh(
-        points, [("line", lines), ("triangle", triangles)], cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags}
+        points,
+        [("line", lines), ("triangle", triangles)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
     )
     mesh.field_data = {name: np.array(value) for name, value in groups.items()}
     mesh.write(tmp_path / "apart.msh", file_format="gmsh22", binary=False)
-    given = f"mesh={{kind='file', path='{tmp_path / 'apart.msh'}', dim=2}}", "boundary=[{on='sides'}]", "force=[]", "probe=[]"
+    given = (
+        f"mesh={{kind='file', path='{tmp_path / 'apart.msh'}', dim=2}}",
+        "boundary=[{on='sides'}]",
+        "force=[]",
+        "probe=[]",
+    )
     start()
-    with pytest.raises(InputError, match="solid and fluid have no surface in common; give them common nodes there"):
+    with pytest.raises(
+        InputError, match="solid and fluid have no surface in common; give them common nodes there"
+    ):
         check(load_scene(FLAP, given))
 
 
 def test_the_command_line_ends_with_two(tmp_path):
     overrides, sentence = WRONG["velocity on a solid"]
-    words = [sys.executable, "-m", "porofsi_petsc", "run", FLAP, "--output", str(tmp_path / "run"), *changes(overrides)]
+    words = [
+        sys.executable,
+        "-m",
+        "porofsi_petsc",
+        "run",
+        FLAP,
+        "--output",
+        str(tmp_path / "run"),
+        *changes(overrides),
+    ]
     result = complete(words)
-    assert result.returncode == 2 and re.search(sentence, result.stderr) and not (tmp_path / "run").exists()
+    assert (
+        result.returncode == 2
+        and re.search(sentence, result.stderr)
+        and not (tmp_path / "run").exists()
+    )
 
 
 def test_a_scheme_that_diverges_says_what_to_do(tmp_path):
     """Dirichlet-Neumann without relaxation under a fluid as heavy as the flap."""
-    given = "coupling.accelerator=none", "coupling.interface=dirichlet_neumann", "coupling.on_failure=stop", "time.end=0.05"
+    given = (
+        "coupling.accelerator=none",
+        "coupling.interface=dirichlet_neumann",
+        "coupling.on_failure=stop",
+        "time.end=0.05",
+    )
     with pytest.raises(
-        ConvergenceError, match='accelerator = "iqn_ils", .*interface = "robin_neumann" .*scheme = "direct"'
+        ConvergenceError,
+        match='accelerator = "iqn_ils", .*interface = "robin_neumann" .*scheme = "direct"',
     ) as error:
         run_here(Job(FLAP, str(tmp_path / "run"), given))
     assert "\n" not in str(error.value)
     print(error.value)
-    assert error.value.what.startswith("the sweeps of step 1 do not converge: an element of the mesh of the fluid is inverted")
-    assert str(error.value) == f"{error.value.what}; {error.value.advice}"  # that of the inverted element is replaced
+    assert error.value.what.startswith(
+        "the sweeps of step 1 do not converge: an element of the mesh of the fluid is inverted"
+    )
+    assert (
+        str(error.value) == f"{error.value.what}; {error.value.advice}"
+    )  # that of the inverted element is replaced
     assert json.loads((tmp_path / "run/summary.json").read_text())["exit_code"] == 3
 
 
@@ -184,7 +296,8 @@ def test_sweeps_that_fail_without_an_advice_keep_the_cause(tmp_path, monkeypatch
 
     monkeypatch.setattr(SolidPhase, "correct", failing)
     with pytest.raises(
-        ConvergenceError, match="^the sweeps of step 1 .*: its set-up failed: zero pivot; row 3; try coupling.acc"
+        ConvergenceError,
+        match="^the sweeps of step 1 .*: its set-up failed: zero pivot; row 3; try coupling.acc",
     ):
         given = "time.end=0.01", "coupling.accelerator=aitken", "coupling.on_failure=stop"
         run_here(Job(FLAP, str(tmp_path / "run"), (*given, "coupling.interface=dirichlet_neumann")))

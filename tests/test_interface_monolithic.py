@@ -1,4 +1,6 @@
-"""Partitioned and monolithic schemes over an interface end in one solution; Newton's iteration is what its name says."""
+"""Partitioned and monolithic schemes over an interface end in one solution; Newton's iteration is
+what its name says.
+"""
 
 import functools
 
@@ -35,12 +37,16 @@ SCHEMES = {
 
 @pytest.fixture(scope="module")
 def direct(tmp_path_factory):
-    """Return the directly coupled run of an order of the elements, solved once for a number of steps."""
+    """Return the directly coupled run of an order of the elements, solved once for a number of
+    steps.
+    """
 
     @functools.cache
     def run(order, steps):
         path = tmp_path_factory.mktemp("direct")
-        return history(path, f"mesh.order={order}", f"time.end={steps / 100}", "coupling.scheme=direct")
+        return history(
+            path, f"mesh.order={order}", f"time.end={steps / 100}", "coupling.scheme=direct"
+        )
 
     return run
 
@@ -58,11 +64,16 @@ def direct(tmp_path_factory):
     ],
 )
 def test_all_strong_schemes_have_one_solution(tmp_path, direct, scheme, order, steps):
-    """In 20 steps the tip moves by 38 % of the flap's height; residuals of 1e-11 times a condition of some hundreds: 1e-8."""
+    """In 20 steps the tip moves by 38 % of the flap's height; residuals of 1e-11 times a condition
+    of some hundreds: 1e-8.
+    """
     _, other = history(tmp_path, f"mesh.order={order}", f"time.end={steps / 100}", *SCHEMES[scheme])
     _, reference = direct(order, steps)
     u_x = reference["tip.u_x"][-1]
-    print(f"{scheme}, order {order}: largest difference {difference(other, reference):.1e}, u_x of the tip {u_x:.3e} m")
+    print(
+        f"{scheme}, order {order}: largest difference {difference(other, reference):.1e}, u_x of"
+        f" the tip {u_x:.3e} m"
+    )
     assert difference(other, reference) < 1e-8
 
 

@@ -1,4 +1,6 @@
-"""Every element residual against its tangent by central differences, in 2-D and 3-D, orders 1 and 2, for every material."""
+"""Every element residual against its tangent by central differences, in 2-D and 3-D, orders 1 and
+2, for every material.
+"""
 
 import numpy as np
 import pytest
@@ -20,13 +22,18 @@ def elastic(law, lam=1.7, mu=0.8, n_s0=0.4):
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_stress_tangent_is_the_derivative(name, law):
     rng = np.random.default_rng(1)
-    element, material = ELEMENTS[name], elastic(law)
+    element = ELEMENTS[name]
+    material = elastic(law)
     X = distorted(element, rng)
     rule = Rule.of(element, max(2 * (element.order - 1), 1))
     reference = geometry(rule, X)
     u = 0.05 * rng.standard_normal(X.shape)
-    exact = solid.stress_tangent(reference.G, reference.dV, material, u).reshape(len(X), X[0].size, X[0].size)
-    difference = central_difference(lambda z: solid.stress_residual(reference.G, reference.dV, material, z), u)
+    exact = solid.stress_tangent(reference.G, reference.dV, material, u).reshape(
+        len(X), X[0].size, X[0].size
+    )
+    difference = central_difference(
+        lambda z: solid.stress_residual(reference.G, reference.dV, material, z), u
+    )
     assert relative(exact, difference) < FD_TOLERANCE
 
 
@@ -44,21 +51,30 @@ def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
         return
     Q = np.linalg.qr(rng.standard_normal((dim, dim)))[0]
     Q[:, 0] *= np.sign(np.linalg.det(Q))
-    F, identity = np.eye(dim) + H, np.eye(dim)
+    F = np.eye(dim) + H
+    identity = np.eye(dim)
     # round-off of stresses of order one
-    assert np.allclose(material.stress(Q @ F - identity), Q @ material.stress(H), rtol=0, atol=1e-13)
+    assert np.allclose(
+        material.stress(Q @ F - identity), Q @ material.stress(H), rtol=0, atol=1e-13
+    )
     assert np.abs(material.stress(np.broadcast_to(Q - identity, F.shape))).max() < 1e-14
 
 
 @pytest.mark.parametrize("law", [name for name, law in ELASTIC.items() if not law.small_strain])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_mixed_tangent_has_the_stress_of_the_iterate_before_made_linear(dim, law):
-    """In its geometric part: that of a law with the same tangent whose P grows linearly; the error is of second order."""
+    """In its geometric part: that of a law with the same tangent whose P grows linearly; the error
+    is of second order.
+    """
     rng = np.random.default_rng(3)
-    material, errors = elastic(law), []
-    H, change = 0.05 * rng.standard_normal((4, dim, dim)), 0.1 * rng.standard_normal((4, dim, dim))
+    material = elastic(law)
+    errors = []
+    H = 0.05 * rng.standard_normal((4, dim, dim))
+    change = 0.1 * rng.standard_normal((4, dim, dim))
     for factor in (1.0, 0.5, 0.25):
-        errors.append(np.abs(material.mixed_tangent(H, H - factor * change) - material.tangent(H)).max())
+        errors.append(
+            np.abs(material.mixed_tangent(H, H - factor * change) - material.tangent(H)).max()
+        )
     assert np.allclose(material.mixed_tangent(H, H), material.tangent(H), rtol=1e-14)
     assert errors[0] > 1e-5
     assert np.divide(errors[:-1], errors[1:]).min() > 3.5  # 4 and terms of third order
@@ -66,15 +82,22 @@ def test_the_mixed_tangent_has_the_stress_of_the_iterate_before_made_linear(dim,
 
 @pytest.mark.parametrize("law", ["saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"])
 def test_a_change_that_keeps_the_volume_to_first_order_leaves_no_pressure_in_the_mixed_tangent(law):
-    """A rotation by 0.1, made linear, grows the volume by 1e-2: its stress λ/100 is in the tangent, and not in the mixed one.
+    """A rotation by 0.1, made linear, grows the volume by 1e-2: its stress λ/100 is in the tangent,
+    and not in the mixed one.
 
-    What the geometric part adds to a turned material stiffness is seen where the material part has nothing: in ∂P_xx/∂F_xx less
-    what λ + 2μ give; the sizes are those of λ θ² and of μ.
+    What the geometric part adds to a turned material stiffness is seen where the material part has
+    nothing: in ∂P_xx/∂F_xx less what λ + 2μ give; the sizes are those of λ θ² and of μ.
     """
-    material, theta = ELASTIC[law](lam=1e4, mu=1.0), 0.1
+    material = ELASTIC[law](lam=1e4, mu=1.0)
+    theta = 0.1
     H = np.array([[[0.0, -theta], [theta, 0.0]]])
-    skew = np.array([[1.0, 0.0], [0.0, -1.0]])  # a stretch that keeps the volume: λ enters by the geometric part alone
-    energy = [np.einsum("ij,ijkl,kl->", skew, A[0], skew) for A in (material.tangent(H), material.mixed_tangent(H, 0 * H))]
+    skew = np.array(
+        [[1.0, 0.0], [0.0, -1.0]]
+    )  # a stretch that keeps the volume: λ enters by the geometric part alone
+    energy = [
+        np.einsum("ij,ijkl,kl->", skew, A[0], skew)
+        for A in (material.tangent(H), material.mixed_tangent(H, 0 * H))
+    ]
     assert abs(energy[0]) > 50  # ± 2 λ θ²/2 and more
     assert energy[1] == pytest.approx(4 * material.mu, rel=0.1)
 
@@ -82,28 +105,38 @@ def test_a_change_that_keeps_the_volume_to_first_order_leaves_no_pressure_in_the
 @pytest.mark.parametrize("law", ELASTIC)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stress_of_a_tiny_strain_keeps_its_digits(dim, law):
-    """At |H| = 1e-10 the laws agree with linear elasticity up to terms of order |H|; by way of F they would lose to 1e-6."""
+    """At |H| = 1e-10 the laws agree with linear elasticity up to terms of order |H|; by way of F
+    they would lose to 1e-6.
+    """
     H = 1e-10 * np.random.default_rng(7).standard_normal((4, dim, dim))
-    material, linear = elastic(law), ELASTIC["linear_elastic"](lam=1.7, mu=0.8, n_s0=0.4)
+    material = elastic(law)
+    linear = ELASTIC["linear_elastic"](lam=1.7, mu=0.8, n_s0=0.4)
     assert relative(material.stress(H), linear.stress(H)) < 1e-8
 
 
 @pytest.mark.parametrize("name", ["T6", "T10"])
 def test_second_derivatives_are_those_of_curved_elements(name):
-    """Of shape functions, of a field and of the volume ratio, against differences of the first ones between points."""
+    """Of shape functions, of a field and of the volume ratio, against differences of the first ones
+    between points.
+    """
     rng = np.random.default_rng(8)
     element = ELEMENTS[name]
-    X, xi = distorted(element, rng), rng.dirichlet(np.ones(element.dim + 1), 4)[:, 1:]
+    X = distorted(element, rng)
+    xi = rng.dirichlet(np.ones(element.dim + 1), 4)[:, 1:]
     x = X + 0.06 * rng.standard_normal(X.shape)
 
     def at(points):
-        """Return the geometries of x and X and the `SecondDerivatives` of x at reference points (Q, d)."""
+        """Return the geometries of x and X and the `SecondDerivatives` of x at reference points (Q,
+        d).
+        """
         rule = Rule(element.shape(points), element.gradient(points), np.ones(len(points)))
-        current, reference = geometry(rule, x), geometry(rule, X)
+        current = geometry(rule, x)
+        reference = geometry(rule, X)
         slope = SecondDerivatives.at(element, X, reference, None).volume_slope
         return current, reference, SecondDerivatives.at(element, x, current, slope)
 
-    dG, d_ln_J = [], []
+    dG = []
+    d_ln_J = []
     for step in FD_STEP * np.eye(element.dim):
         (plus, plus_0, _), (minus, minus_0, _) = at(xi + step), at(xi - step)
         dG.append((plus.G - minus.G) / (2 * FD_STEP))
@@ -114,7 +147,8 @@ def test_second_derivatives_are_those_of_curved_elements(name):
     assert relative(second.shapes, shapes) < FD_TOLERANCE
     assert relative(second.volume_gradient, np.einsum("meq,eqmj->eqj", d_ln_J, pull)) < FD_TOLERANCE
     U = rng.standard_normal(X.shape)
-    gradient, field = np.einsum("eak,eqaj->eqkj", U, current.G), np.einsum("eak,eqaij->eqkij", U, shapes)
+    gradient = np.einsum("eak,eqaj->eqkj", U, current.G)
+    field = np.einsum("eak,eqaij->eqkij", U, shapes)
     assert relative(second.field(U, gradient), field) < FD_TOLERANCE
     viscous = np.einsum("eqkii->eqk", field) + np.einsum("eqiki->eqk", field)
     assert relative(second.viscous(U, gradient), viscous) < FD_TOLERANCE
@@ -126,11 +160,13 @@ def test_second_derivatives_are_those_of_curved_elements(name):
 def test_flow_tangent_is_the_derivative(name, mu, convection):
     rng = np.random.default_rng(3)
     element = ELEMENTS[name]
-    d, c_f = element.dim, 1.3
+    d = element.dim
+    c_f = 1.3
     el, z = flow_chunk(element, rng, mu, convection)
 
     def fields(unknowns):
-        v, p = unknowns[..., :d], unknowns[..., d]
+        v = unknowns[..., :d]
+        p = unknowns[..., d]
         a = z["a"] + c_f * (v - z["v"])
         return flow.FlowFields(v, a, v - z["v_m"], z["v_s"], p, p - z["p_n"], z["b"])
 
@@ -153,24 +189,37 @@ def test_inertia_and_drag_tangents_are_the_derivatives(name):
     dV = geometry(rule, X).dV
     a = rng.standard_normal(X.shape)
     exact = solid.mass_tangent(rule.N, 1.9 * dV, element.dim).reshape(len(X), a[0].size, a[0].size)
-    assert relative(exact, central_difference(lambda z: solid.inertia_residual(rule.N, dV, 1.9, z), a)) < FD_TOLERANCE
+    assert (
+        relative(exact, central_difference(lambda z: solid.inertia_residual(rule.N, dV, 1.9, z), a))
+        < FD_TOLERANCE
+    )
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_pressure_terms_of_the_phases_are_adjoint_to_the_volume_balance(name):
-    """∫ p-terms of solid · v_s + of fluid · v = -(volume balance · p): the pressure does no net work."""
+    """∫ p-terms of solid · v_s + of fluid · v = -(volume balance · p): the pressure does no net
+    work.
+    """
     from porofsi_petsc.materials.porous import PorousMaterial
 
     rng = np.random.default_rng(5)
     element = ELEMENTS[name]
     el, z = flow_chunk(element, rng, 0.0, False)
-    material = PorousMaterial(elastic("neo_hookean", 1.0, 1.0), 0.6, 1.0, 1.0, 1.0, variable_porosity=True)
+    material = PorousMaterial(
+        elastic("neo_hookean", 1.0, 1.0), 0.6, 1.0, 1.0, 1.0, variable_porosity=True
+    )
     J = 1 + 0.1 * rng.random(el.n.shape)
     el = flow.FlowElements(**{**el.__dict__, "n": material.fluid_fraction(J)})
     fields = flow.FlowFields(z["v"], z["a"], z["v"], z["v_s"], z["p"], z["p"] - z["p_n"], z["b"])
     momentum, volume = flow.flow_residual(el, fields)
-    solid_pressure, _ = solid.coupling_residual(el.N, el.geometry, material, J, z["p"], z["v"] - z["v_s"])
-    power = (solid_pressure * z["v_s"]).sum() + (momentum[1] * z["v"]).sum() + (volume[:2].sum(axis=0) * z["p"]).sum()
+    solid_pressure, _ = solid.coupling_residual(
+        el.N, el.geometry, material, J, z["p"], z["v"] - z["v_s"]
+    )
+    power = (
+        (solid_pressure * z["v_s"]).sum()
+        + (momentum[1] * z["v"]).sum()
+        + (volume[:2].sum(axis=0) * z["p"]).sum()
+    )
     assert abs(power) < 1e-12 * np.abs(momentum[1] * z["v"]).sum()
 
 
@@ -180,7 +229,8 @@ def test_pressure_terms_of_the_phases_are_adjoint_to_the_volume_balance(name):
 def test_exchange_tangents_are_the_derivatives(name, convection, moving_mesh):
     rng = np.random.default_rng(6)
     element = ELEMENTS[name]
-    d, c_v = element.dim, 1.7
+    d = element.dim
+    c_v = 1.7
     el, z = flow_chunk(element, rng, 0.7, convection)
 
     def flow_residual(y):
@@ -201,7 +251,8 @@ def test_exchange_tangents_are_the_derivatives(name, convection, moving_mesh):
         drag = staticmethod(lambda J: el.S)
 
     def solid_residual(unknowns):
-        v, p = unknowns[..., :d], unknowns[..., d]
+        v = unknowns[..., :d]
+        p = unknowns[..., d]
         return sum(solid.coupling_residual(el.N, el.geometry, Coefficients, None, p, v - z["v_s"]))
 
     unknowns = np.concatenate([z["v"], z["p"][..., None]], axis=-1)
@@ -211,7 +262,8 @@ def test_exchange_tangents_are_the_derivatives(name, convection, moving_mesh):
 
 def test_ehlers_eipper_ends_at_the_compaction_point():
     """Closer to J = n_s0 the stress grows without bound; beyond it there is none."""
-    law, n = ELASTIC["ehlers_eipper"](lam=1.7, mu=0.8, n_s0=0.4), 0.4
+    law = ELASTIC["ehlers_eipper"](lam=1.7, mu=0.8, n_s0=0.4)
+    n = 0.4
     H = np.zeros((4, 2, 2))
     H[:, 1, 1] = n * (1 + np.array([1e-2, 1e-4, 1e-6, -1e-6])) - 1
     stress = law.stress(H)[:, 1, 1]
@@ -226,7 +278,11 @@ def test_an_inverted_trial_state_is_marked_without_a_warning(law):
     H = np.zeros((2, 2, 2))
     H[:, 1, 1] = -1.5, -1.0
     material = elastic(law)
-    for found in (material.energy(H), material.stress(H)[:, 1, 1], material.tangent(H)[:, 1, 1, 1, 1]):
+    for found in (
+        material.energy(H),
+        material.stress(H)[:, 1, 1],
+        material.tangent(H)[:, 1, 1, 1, 1],
+    ):
         assert not np.isfinite(found[1])
     assert np.isnan(material.stress(H)[0, 1, 1]) and np.isnan(material.energy(H)[0])
 
@@ -234,17 +290,28 @@ def test_an_inverted_trial_state_is_marked_without_a_warning(law):
 @pytest.mark.parametrize("law", [law for law in ELASTIC if law != "harmonic"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_volumetric_compliance_is_that_of_the_stress_of_a_compressed_body(dim, law):
-    """Mean of 1/E_c and 1/K_d, both from differences of the stress: of a strain along an axis, of a dilation."""
-    body, rng, step = elastic(law, 8e6, 5e6, 0.6), np.random.default_rng(1), 1e-6
+    """Mean of 1/E_c and 1/K_d, both from differences of the stress: of a strain along an axis, of a
+    dilation.
+    """
+    body = elastic(law, 8e6, 5e6, 0.6)
+    rng = np.random.default_rng(1)
+    step = 1e-6
     H = -0.1 * np.eye(dim) + 0.05 * rng.standard_normal((dim, dim))
-    F, identity = H + np.eye(dim), np.eye(dim)
+    F = H + np.eye(dim)
+    identity = np.eye(dim)
 
     def cauchy(change):
         """Return dP F^T/J of a change of F, a strain times F."""
-        return (body.stress(H + step * change) - body.stress(H - step * change)) @ F.T / (2 * step * np.linalg.det(F))
+        return (
+            (body.stress(H + step * change) - body.stress(H - step * change))
+            @ F.T
+            / (2 * step * np.linalg.det(F))
+        )
 
     E_c = np.mean([cauchy(np.outer(axis, axis) @ F)[i, i] for i, axis in enumerate(identity)])
     K_d = np.trace(cauchy(F)) / dim**2
     found = solid.volumetric_compliance(body, H[None, None])[0, 0]
     assert found == pytest.approx((1 / E_c + 1 / K_d) / 2, rel=1e-6)  # differences
-    assert solid.volumetric_compliance(body, 0 * H[None, None])[0, 0] == pytest.approx((1 / 18e6 + 1 / (8e6 + 10e6 / dim)) / 2)
+    assert solid.volumetric_compliance(body, 0 * H[None, None])[0, 0] == pytest.approx(
+        (1 / 18e6 + 1 / (8e6 + 10e6 / dim)) / 2
+    )

@@ -1,4 +1,6 @@
-"""Kernels of a free fluid: tangents against central differences, the porous form as a special case, exact flows, tractions."""
+"""Kernels of a free fluid: tangents against central differences, the porous form as a special case,
+exact flows, tractions.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -28,36 +30,51 @@ def joined(el, fields):
 def test_flow_tangent_is_the_derivative(name, mu, convection):
     rng = np.random.default_rng(11)
     element = ELEMENTS[name]
-    d, c_f = element.dim, 1.3
+    d = element.dim
+    c_f = 1.3
     el, z = free_chunk(element, rng, mu, convection)
 
     def fields(unknowns):
-        v, p = unknowns[..., :d], unknowns[..., d]
+        v = unknowns[..., :d]
+        p = unknowns[..., d]
         return flow.FlowFields(v, z["a"] + c_f * (v - z["v"]), v - z["v_m"], None, p, None, z["b"])
 
     unknowns = np.concatenate([z["v"], z["p"][..., None]], axis=-1)
     size = unknowns[0].size
     exact = flow.flow_tangent(el, fields(unknowns), c_f).reshape(-1, size, size)
-    assert relative(exact, central_difference(lambda u: joined(el, fields(u)), unknowns)) < FD_TOLERANCE
+    assert (
+        relative(exact, central_difference(lambda u: joined(el, fields(u)), unknowns))
+        < FD_TOLERANCE
+    )
 
 
 @pytest.mark.parametrize("convection", [False, True])
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_tangents_of_a_flow_through_a_solid_are_the_derivatives(name, convection):
-    """With the drag of a porous solid: by (v, p), and by the solid's positions through v_s alone."""
+    """With the drag of a porous solid: by (v, p), and by the solid's positions through v_s
+    alone.
+    """
     rng = np.random.default_rng(16)
     el, z = free_chunk(ELEMENTS[name], rng, 0.7, convection)
-    el, v_s, d, c_v = replace(el, S=el.rho + 1.0), rng.standard_normal(z["v"].shape), el.geometry.G.shape[-1], 2.3
+    el, v_s, d, c_v = (
+        replace(el, S=el.rho + 1.0),
+        rng.standard_normal(z["v"].shape),
+        el.geometry.G.shape[-1],
+        2.3,
+    )
 
     def fields(vp, y=0.0):
         v = vp[..., :d]
         return flow.FlowFields(v, z["a"], v - z["v_m"], v_s + c_v * y, vp[..., d], None, z["b"])
 
-    vp, y = np.concatenate([z["v"], z["p"][..., None]], axis=-1), np.zeros_like(v_s)
+    vp = np.concatenate([z["v"], z["p"][..., None]], axis=-1)
+    y = np.zeros_like(v_s)
     exact = flow.flow_tangent(el, fields(vp), 0.0).reshape(len(vp), vp[0].size, -1)
     assert relative(exact, central_difference(lambda vp: joined(el, fields(vp)), vp)) < FD_TOLERANCE
     exact = exchange.flow_by_drag(el, fields(vp), c_v).reshape(len(y), -1, y[0].size)
-    assert relative(exact, central_difference(lambda y: joined(el, fields(vp, y)), y)) < FD_TOLERANCE
+    assert (
+        relative(exact, central_difference(lambda y: joined(el, fields(vp, y)), y)) < FD_TOLERANCE
+    )
 
 
 @pytest.mark.parametrize("convection", [False, True])
@@ -65,7 +82,8 @@ def test_tangents_of_a_flow_through_a_solid_are_the_derivatives(name, convection
 def test_mesh_velocity_tangent_is_the_derivative(name, convection):
     rng = np.random.default_rng(15)
     el, z = free_chunk(ELEMENTS[name], rng, 0.7, convection)
-    c_m, v = 1.7, z["v"]
+    c_m = 1.7
+    v = z["v"]
 
     def fields(y):
         return flow.FlowFields(v, z["a"], v - z["v_m"] - c_m * y, None, z["p"], None, z["b"])
@@ -83,7 +101,9 @@ def test_mesh_velocity_tangent_is_the_derivative(name, convection):
 @pytest.mark.parametrize("mu", [0.0, 0.7])
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_shape_tangent_is_the_derivative(name, mu, convection):
-    """By the nodal positions at given nodal values, stabilization parameters and body force frozen."""
+    """By the nodal positions at given nodal values, stabilization parameters and body force
+    frozen.
+    """
     element = ELEMENTS[name]
     el, z = free_chunk(element, np.random.default_rng(16), mu, convection)
     x = distorted(element, np.random.default_rng(16))
@@ -100,14 +120,16 @@ def test_shape_tangent_is_the_derivative(name, mu, convection):
 
 
 class Patch:
-    """A small mesh of straight-sided elements with moved vertices, on which the quadrature of all terms is exact.
+    """A small mesh of straight-sided elements with moved vertices, on which the quadrature of all
+    terms is exact.
 
     x (N, d), cells (E, A), el: a free fluid on it, all coefficients at the given values
     """
 
     def __init__(self, element, mu, rho=1.2):
         rng = np.random.default_rng(12)
-        self.element, d = element, element.dim
+        self.element = element
+        d = element.dim
         axis = SimpleNamespace(points=[0.0, 1.0], cells=[3 if d == 2 else 2], ratios=None)
         mesh = (rectangle if d == 2 else box)(*[axis] * d)
         self.x = mesh.points + 0.05 * rng.standard_normal(mesh.points.shape)
@@ -117,8 +139,13 @@ class Patch:
             self.x, self.cells = add_midside_nodes(self.x, self.cells, element.edges)
         self.facets = cell_facets(self.cells, element)[cell, local]
         rule = Rule.of(element, 2 * element.order + 1)
-        current, points = geometry(rule, self.x[self.cells]), (len(self.cells), len(rule.weights))
-        second = SecondDerivatives.at(element, self.x[self.cells], current, None) if element.order == 2 else None
+        current = geometry(rule, self.x[self.cells])
+        points = (len(self.cells), len(rule.weights))
+        second = (
+            SecondDerivatives.at(element, self.x[self.cells], current, None)
+            if element.order == 2
+            else None
+        )
 
         def random():
             return 0.5 + rng.random(points)
@@ -130,15 +157,23 @@ class Patch:
         )  # fmt: skip
 
     def residual(self, el, v, p, a):
-        """Return the nodal residual, (N, d + 1), of nodal fields on a fixed mesh, the skeleton at rest."""
-        v, p, a = v[self.cells], p[self.cells], a[self.cells]
-        values = joined(el, flow.FlowFields(v, a, v, 0 * v, p, None, np.zeros((*el.n.shape, self.element.dim))))
+        """Return the nodal residual, (N, d + 1), of nodal fields on a fixed mesh, the skeleton at
+        rest.
+        """
+        v = v[self.cells]
+        p = p[self.cells]
+        a = a[self.cells]
+        values = joined(
+            el, flow.FlowFields(v, a, v, 0 * v, p, None, np.zeros((*el.n.shape, self.element.dim)))
+        )
         total = np.zeros((len(self.x), values.shape[-1]))
         np.add.at(total, self.cells, values)
         return total
 
     def traction(self, stress):
-        """Return the nodal forces ∮ N_a σ n dA on the whole boundary, (N, d), of a stress at points (..., d) -> (..., d, d)."""
+        """Return the nodal forces ∮ N_a σ n dA on the whole boundary, (N, d), of a stress at points
+        (..., d) -> (..., d, d).
+        """
         facet = FACET[self.element.name]
         rule = Rule.of(facet, 2 * self.element.order + 1)
         x = self.x[self.facets]
@@ -151,23 +186,35 @@ class Patch:
 
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_free_form_is_the_porous_one_without_skeleton_where_boundary_integrals_vanish(name):
-    """∮ p w·n = ∮ q v·n = 0 for fields that vanish on the boundary; then every row agrees to round-off."""
-    patch, rng = Patch(ELEMENTS[name], mu=0.7), np.random.default_rng(13)
+    """∮ p w·n = ∮ q v·n = 0 for fields that vanish on the boundary; then every row agrees to
+    round-off.
+    """
+    patch = Patch(ELEMENTS[name], mu=0.7)
+    rng = np.random.default_rng(13)
     inside = np.ones(len(patch.x), dtype=bool)
     inside[patch.facets] = False
-    v, p, a = (rng.standard_normal((len(patch.x), k)) * inside[:, None] for k in (patch.element.dim, 1, patch.element.dim))
+    v, p, a = (
+        rng.standard_normal((len(patch.x), k)) * inside[:, None]
+        for k in (patch.element.dim, 1, patch.element.dim)
+    )
     no_skeleton = np.zeros((*patch.el.n.shape, patch.element.dim))
     grad_n = None if patch.el.second is None else no_skeleton
     free = patch.residual(patch.el, v, p[:, 0], a)
-    porous = patch.residual(replace(patch.el, free=False, S=np.zeros_like(patch.el.n), grad_n=grad_n), v, p[:, 0], a)
+    porous = patch.residual(
+        replace(patch.el, free=False, S=np.zeros_like(patch.el.n), grad_n=grad_n), v, p[:, 0], a
+    )
     assert np.abs(free[:, -1]).max() > 1e-3  # there is something to compare
     assert relative(free, porous) < 1e-13
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_exact_shear_flow_leaves_the_exact_traction_on_the_boundary(name):
-    """v = e (s m·x + κ (m·x)²), p = p_0 + 2 κ μ e·x, e and m unit vectors, e·m = 0; κ = 0 (Couette) on linear elements."""
-    mu, slope, p_0 = 0.7, 1.5, 0.4
+    """v = e (s m·x + κ (m·x)²), p = p_0 + 2 κ μ e·x, e and m unit vectors, e·m = 0; κ = 0 (Couette)
+    on linear elements.
+    """
+    mu = 0.7
+    slope = 1.5
+    p_0 = 0.4
     patch = Patch(ELEMENTS[name], mu)
     kappa = 0.9 if patch.element.order == 2 else 0.0
     e, m = np.linalg.qr(np.random.default_rng(14).standard_normal((patch.element.dim, 2)))[0].T
@@ -175,11 +222,15 @@ def test_exact_shear_flow_leaves_the_exact_traction_on_the_boundary(name):
     def stress(x):
         shear = mu * (slope + 2 * kappa * (x @ m))
         pressure = p_0 + 2 * kappa * mu * (x @ e)
-        return shear[..., None, None] * (np.outer(e, m) + np.outer(m, e)) - pressure[..., None, None] * np.eye(len(e))
+        return shear[..., None, None] * (np.outer(e, m) + np.outer(m, e)) - pressure[
+            ..., None, None
+        ] * np.eye(len(e))
 
     along = patch.x @ m
-    v, p = (slope * along + kappa * along**2)[:, None] * e, p_0 + 2 * kappa * mu * (patch.x @ e)
-    residual, traction = patch.residual(patch.el, v, p, np.zeros_like(v)), patch.traction(stress)
+    v = (slope * along + kappa * along**2)[:, None] * e
+    p = p_0 + 2 * kappa * mu * (patch.x @ e)
+    residual = patch.residual(patch.el, v, p, np.zeros_like(v))
+    traction = patch.traction(stress)
     scale = np.abs(traction).max()
     assert scale > 0.01
     # round-off of stresses of order one, and of the strong residual times τ of order one

@@ -11,7 +11,14 @@ from mpi4py import MPI
 from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.config import scene_to_toml, schema
 from porofsi_petsc.errors import InputError
-from porofsi_petsc.materials import ELASTIC, PERMEABILITY, FromEnergy, PermeabilityLaw, law, parameter
+from porofsi_petsc.materials import (
+    ELASTIC,
+    PERMEABILITY,
+    FromEnergy,
+    PermeabilityLaw,
+    law,
+    parameter,
+)
 from porofsi_petsc.materials.from_energy import invariants
 
 pytestmark = pytest.mark.usefixtures("petsc")
@@ -19,9 +26,13 @@ pytestmark = pytest.mark.usefixtures("petsc")
 
 @dataclass(frozen=True)
 class NeoHookeanByEnergy(FromEnergy):
-    """The energy of `neo_hookean`, whose stress and tangent are written by hand there, and a factor of it."""
+    """The energy of `neo_hookean`, whose stress and tangent are written by hand there, and a factor
+    of it.
+    """
 
-    factor: float = parameter("-", "of the energy", above=0.0, at_most=10.0, default=1.0, example=1.0)
+    factor: float = parameter(
+        "-", "of the energy", above=0.0, at_most=10.0, default=1.0, example=1.0
+    )
 
     def energy(self, H):
         I1_3, _, J_1 = invariants(H)
@@ -53,10 +64,15 @@ def own_laws():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_an_energy_gives_the_stress_and_the_tangent_written_by_hand(dim):
     H = 0.2 * np.random.default_rng(5).standard_normal((50, 2, dim, dim))
-    own, by_hand = NeoHookeanByEnergy(1.7, 0.8), ELASTIC["neo_hookean"](1.7, 0.8)
-    np.testing.assert_allclose(own.stress(H), by_hand.stress(H), rtol=0, atol=1e-13)  # round-off of stresses of order one
+    own = NeoHookeanByEnergy(1.7, 0.8)
+    by_hand = ELASTIC["neo_hookean"](1.7, 0.8)
+    np.testing.assert_allclose(
+        own.stress(H), by_hand.stress(H), rtol=0, atol=1e-13
+    )  # round-off of stresses of order one
     A = by_hand.tangent(H)
-    np.testing.assert_allclose(own.tangent(H), A, rtol=0, atol=1e-9 * np.abs(A).max())  # truncation and round-off of 1e-10
+    np.testing.assert_allclose(
+        own.tangent(H), A, rtol=0, atol=1e-9 * np.abs(A).max()
+    )  # truncation and round-off of 1e-10
     start = time.perf_counter()
     own.tangent(H)
     print(f"{dim}-D: {(time.perf_counter() - start) / 100 * 1e6:.0f} us for the tangent of a point")
@@ -72,18 +88,30 @@ def test_invariants_keep_the_digits_of_a_small_strain():
 
 def test_a_scene_takes_a_registered_law_with_its_parameters():
     run = ("expect=[]", "time.end=0.05")
-    own = ("material.0.solid.law=by_energy", "material.0.permeability={law='power', k=1e-2, power=2.0}")
+    own = (
+        "material.0.solid.law=by_energy",
+        "material.0.permeability={law='power', k=1e-2, power=2.0}",
+    )
     found = []
-    for changes in (own, ("material.0.solid.law=neo_hookean", "material.0.permeability={law='xie_leo', k=1e-2}")):
-        with Simulation.from_scene("ehlers_eipper", MPI.COMM_SELF, overrides=(*run, *changes)) as simulation:
+    for changes in (
+        own,
+        ("material.0.solid.law=neo_hookean", "material.0.permeability={law='xie_leo', k=1e-2}"),
+    ):
+        with Simulation.from_scene(
+            "ehlers_eipper", MPI.COMM_SELF, overrides=(*run, *changes)
+        ) as simulation:
             simulation.run()
             found.append(simulation.history["top.u_y"])
     assert found[1][-1] < -1e-3
-    np.testing.assert_allclose(*found, rtol=0, atol=1e-6 * np.abs(found[1]).max())  # the tolerance of the coupling
+    np.testing.assert_allclose(
+        *found, rtol=0, atol=1e-6 * np.abs(found[1]).max()
+    )  # the tolerance of the coupling
 
 
 def test_the_scene_that_a_run_writes_has_the_parameters(tmp_path):
-    scene = load_scene("ehlers_eipper", ("material.0.solid.law=by_energy", "material.0.solid.factor=2.0"))
+    scene = load_scene(
+        "ehlers_eipper", ("material.0.solid.law=by_energy", "material.0.solid.factor=2.0")
+    )
     assert scene.material[0].solid.of_law() == {"factor": 2.0}
     (tmp_path / "scene.toml").write_text(scene_to_toml(scene))
     assert load_scene(tmp_path / "scene.toml") == scene
@@ -95,7 +123,10 @@ def test_the_scene_that_a_run_writes_has_the_parameters(tmp_path):
         ("solid.factor=11", r"solid.factor\]: received 11, expected a number <= 10"),
         ("solid.factor=0", r"solid.factor\]: received 0, expected a number > 0"),
         ("solid.facto=1", "unknown key 'facto'; did you mean 'factor'?"),
-        ("permeability={law='power', k=1e-2}", r"permeability.power\]: received nothing, expected this key"),
+        (
+            "permeability={law='power', k=1e-2}",
+            r"permeability.power\]: received nothing, expected this key",
+        ),
     ],
 )
 def test_the_parameters_of_a_law_are_checked(change, message):
@@ -104,9 +135,16 @@ def test_the_parameters_of_a_law_are_checked(change, message):
 
 
 def test_a_name_has_one_law():
-    with pytest.raises(ValueError, match="elastic law 'neo_hookean': the name has NeoHookean of porofsi_petsc.materials.elastic"):
+    with pytest.raises(
+        ValueError,
+        match=(
+            "elastic law 'neo_hookean': the name has NeoHookean of porofsi_petsc.materials.elastic"
+        ),
+    ):
         ELASTIC.register("neo_hookean")(NeoHookeanByEnergy)
-    assert ELASTIC.register("by_energy")(NeoHookeanByEnergy) is NeoHookeanByEnergy  # a script that is run again
+    assert (
+        ELASTIC.register("by_energy")(NeoHookeanByEnergy) is NeoHookeanByEnergy
+    )  # a script that is run again
 
 
 def test_packages_bring_laws_by_entry_points(monkeypatch):

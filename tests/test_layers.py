@@ -20,7 +20,8 @@ LAYER = {
 }
 LAYER |= {"fem": 2, "linalg": 2, "mesh": 1, "kernels": 1, "materials": 1, "elements": 1, "exact": 1}
 LAYER |= {"config": 2, "clock": 0, "errors": 0, "log": 0, "signals": 0, "tensors": 0, "compiled": 0}
-# Siblings that may be used inside the same layer: errors and compiled everywhere, elements by the other pure folders.
+# Siblings that may be used inside the same layer: errors and compiled everywhere, elements by the
+# other pure folders.
 SHARED = {"errors", "elements", "tensors", "compiled"}
 ONLY_IN = {
     "numba": {"compiled"},
@@ -30,7 +31,10 @@ ONLY_IN = {
     "click": {"commands"},
     "matplotlib": {"output"},
 }
-NEVER_IN = {"petsc4py": {0, 1}, "mpi4py": {0, 1}}  # nor in config, which many commands need before they start PETSc
+NEVER_IN = {
+    "petsc4py": {0, 1},
+    "mpi4py": {0, 1},
+}  # nor in config, which many commands need before they start PETSc
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -57,7 +61,9 @@ def test_imports_point_downwards(path):
     for name in imports(path):
         parts = name.split(".")
         if parts[0] == "porofsi_petsc" and parts[1] in LAYER and parts[1] != own:
-            assert LAYER[parts[1]] < LAYER[own] or (parts[1] in SHARED and LAYER[parts[1]] == LAYER[own]), name
+            assert LAYER[parts[1]] < LAYER[own] or (
+                parts[1] in SHARED and LAYER[parts[1]] == LAYER[own]
+            ), name
         assert own in ONLY_IN.get(parts[0], {own}), name
         assert LAYER[own] not in NEVER_IN.get(parts[0], set()), name
         assert own != "config" or parts[0] not in NEVER_IN, name

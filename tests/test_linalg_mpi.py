@@ -11,7 +11,12 @@ from porofsi_petsc.linalg import options
 
 options.start()
 
-from porofsi_petsc.linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults  # noqa: E402
+from porofsi_petsc.linalg.fieldsplit import (
+    fluid_defaults,
+    fluid_fields,
+    rigid_body_modes,
+    solid_defaults,
+)  # noqa: E402
 from porofsi_petsc.linalg.solver import LinearSolver  # noqa: E402
 
 pytestmark = pytest.mark.mpi
@@ -35,14 +40,17 @@ def test_matrix_equals_dense_assembly(empty_last_rank):
     A = block.matrix("dense_")
     expected = block.dense()
     free = ~block.constrained
-    assert np.allclose(dense(A.mat)[np.ix_(free, free)], expected[np.ix_(free, free)], rtol=1e-12, atol=0)
+    assert np.allclose(
+        dense(A.mat)[np.ix_(free, free)], expected[np.ix_(free, free)], rtol=1e-12, atol=0
+    )
     A.destroy()
 
 
 def test_constrained_rows_carry_the_mean_diagonal_of_their_component():
     block = FluidBlock(COMM, 2, 4, has_auxiliary=False)
     A = block.matrix("diagonal_")
-    matrix, bs = dense(A.mat), block.block_size
+    matrix = dense(A.mat)
+    bs = block.block_size
     for row in np.flatnonzero(block.constrained):
         same = (np.arange(len(matrix)) % bs == row % bs) & ~block.constrained
         assert matrix[row, row] == pytest.approx(np.abs(np.diag(matrix))[same].mean(), rel=1e-12)
@@ -83,9 +91,13 @@ def test_fieldsplit_agrees_with_the_dense_solution(dim, has_auxiliary):
     solver = LinearSolver(A.mat, "fluid_", fluid_defaults(dim, direct=False) | TIGHT, fields=fields)
     matrix = dense(A.mat)  # before it is scaled
     solution = solver.solve(rhs)
-    x, expected = gathered(solution), np.linalg.solve(matrix, gathered(rhs))
-    for component in range(block.block_size):  # rtol 1e-8 on a diagonally scaled system; the units do not mix any more
-        a, b = x[component :: block.block_size], expected[component :: block.block_size]
+    x = gathered(solution)
+    expected = np.linalg.solve(matrix, gathered(rhs))
+    for component in range(
+        block.block_size
+    ):  # rtol 1e-8 on a diagonally scaled system; the units do not mix any more
+        a = x[component :: block.block_size]
+        b = expected[component :: block.block_size]
         assert np.linalg.norm(a - b) < 1e-5 * np.linalg.norm(b)
     assert solver.iterations_max <= 60
     assert_same(solver.solve(rhs), solution)  # a solve leaves the matrix as it was
@@ -114,11 +126,15 @@ def test_fieldsplit_stays_right_while_the_matrix_changes_under_its_preconditione
     block = FluidBlock(COMM, 2, 5, has_auxiliary=True)
     A = block.matrix("fluid_")
     fields = fluid_fields(COMM, block.first_node, block.n_owned_nodes, 2, block.block_size)
-    solver = LinearSolver(A.mat, "fluid_", fluid_defaults(2, direct=False, viscous=viscous) | TIGHT, fields=fields)
+    solver = LinearSolver(
+        A.mat, "fluid_", fluid_defaults(2, direct=False, viscous=viscous) | TIGHT, fields=fields
+    )
     first = gathered(solver.solve(block.load()))
     A.assemble(1.5 * block.element_matrices)
     solver.update()
-    second = gathered(solver.solve(block.load()))  # the old preconditioner on the new matrix, scaled anew
+    second = gathered(
+        solver.solve(block.load())
+    )  # the old preconditioner on the new matrix, scaled anew
     solver.refactor()
     third = gathered(solver.solve(block.load()))
     assert np.linalg.norm(second - first / 1.5) < 1e-6 * np.linalg.norm(first)
@@ -126,7 +142,9 @@ def test_fieldsplit_stays_right_while_the_matrix_changes_under_its_preconditione
     assert solver.factorizations == 2
     A.assemble(block.element_matrices)
     free = ~block.constrained
-    assert np.allclose(dense(A.mat)[np.ix_(free, free)], block.dense()[np.ix_(free, free)], rtol=1e-12)  # not left scaled
+    assert np.allclose(
+        dense(A.mat)[np.ix_(free, free)], block.dense()[np.ix_(free, free)], rtol=1e-12
+    )  # not left scaled
     solver.destroy()
     A.destroy()
 
@@ -135,7 +153,9 @@ def elastic_solver(prefix, defaults):
     block = ElasticBlock(COMM, 3, 4)
     A = block.matrix(prefix)
     A.declare_symmetric()
-    solver = LinearSolver(A.mat, prefix, defaults, near_nullspace=rigid_body_modes(block.X_owned, COMM))
+    solver = LinearSolver(
+        A.mat, prefix, defaults, near_nullspace=rigid_body_modes(block.X_owned, COMM)
+    )
     return block, A, solver
 
 
@@ -148,12 +168,21 @@ def require(name):
 
 
 def assert_same(first, second):
-    """Compare to the last bit, on several ranks to round-off: there sums are made in the order in which messages come."""
-    first, second = gathered(first), gathered(second)
-    assert np.linalg.norm(first - second) <= (1e-12 * np.linalg.norm(first) if COMM.size > 1 else 0.0)
+    """Compare to the last bit, on several ranks to round-off: there sums are made in the order in
+    which messages come.
+    """
+    first = gathered(first)
+    second = gathered(second)
+    assert np.linalg.norm(first - second) <= (
+        1e-12 * np.linalg.norm(first) if COMM.size > 1 else 0.0
+    )
 
 
-PYAMG = {"pc_type": "bjacobi", "sub_pc_type": "python", "sub_pc_python_type": "porofsi_petsc.linalg.pyamg_pc.PyAMG"}
+PYAMG = {
+    "pc_type": "bjacobi",
+    "sub_pc_type": "python",
+    "sub_pc_python_type": "porofsi_petsc.linalg.pyamg_pc.PyAMG",
+}
 
 
 @pytest.mark.parametrize(
@@ -168,9 +197,13 @@ PYAMG = {"pc_type": "bjacobi", "sub_pc_type": "python", "sub_pc_python_type": "p
 def test_displacement_solvers_agree_with_the_dense_solution(name, defaults):
     require(name)
     block, A, solver = elastic_solver(f"solid_{name}_", defaults)
-    x, expected = gathered(solver.solve(block.load())), np.linalg.solve(dense(A.mat), gathered(block.load()))
-    assert np.linalg.norm(x - expected) < 1e-5 * np.linalg.norm(expected)  # rtol 1e-8 times the condition number's root
-    # multigrid does not know the number of ranks; subdomains without a coarse space do (7, 30, 40, 48, 56 on 1, 2, 3, 5, 8 ranks)
+    x = gathered(solver.solve(block.load()))
+    expected = np.linalg.solve(dense(A.mat), gathered(block.load()))
+    assert np.linalg.norm(x - expected) < 1e-5 * np.linalg.norm(
+        expected
+    )  # rtol 1e-8 times the condition number's root
+    # multigrid does not know the number of ranks; subdomains without a coarse space do (7, 30, 40,
+    # 48, 56 on 1, 2, 3, 5, 8 ranks)
     assert solver.iterations_max <= (20 if name != "pyamg" else 10 + 20 * COMM.size**0.5)
     solver.destroy()
     A.destroy()
@@ -181,7 +214,9 @@ BLOCKS = {"pc_type": "bjacobi", "sub_pc_type": "icc"}
 
 @pytest.mark.parametrize("name", ["gamg", "hypre", "icc", "pyamg"])
 def test_a_new_preconditioner_is_that_of_a_new_solver(name):
-    """After `refactor` nothing of the matrix before is left, blocks and interpolations neither: a restart goes on identically."""
+    """After `refactor` nothing of the matrix before is left, blocks and interpolations neither: a
+    restart goes on identically.
+    """
     require(name)
     choice = {"gamg": {}, "hypre": {"pc_type": "hypre"}, "icc": BLOCKS, "pyamg": PYAMG}[name]
     defaults = solid_defaults(3, direct=False) | choice
@@ -227,7 +262,9 @@ def test_preconditioner_is_kept_while_it_is_good_and_rebuilt_when_worn():
     solver.update()
     x = solver.solve(rhs)
     assert solver.factorizations == 2 and solver.iterations[-1] <= 2
-    assert np.allclose(gathered(x), np.linalg.solve(dense(A.mat), gathered(rhs)), rtol=1e-6, atol=1e-12)
+    assert np.allclose(
+        gathered(x), np.linalg.solve(dense(A.mat), gathered(rhs)), rtol=1e-6, atol=1e-12
+    )
     solver.destroy()
     A.destroy()
 
@@ -248,8 +285,12 @@ def test_direct_solver_factors_after_an_update_only():
 
 
 def test_failure_names_prefix_reason_and_hint():
-    block, A, solver = elastic_solver("poor_", {"ksp_type": "cg", "ksp_max_it": 2, "ksp_rtol": 1e-12, "pc_type": "none"})
-    with pytest.raises(ConvergenceError, match=r"poor_ .*DIVERGED_MAX_IT after 2 iterations.*-poor_ksp_monitor"):
+    block, A, solver = elastic_solver(
+        "poor_", {"ksp_type": "cg", "ksp_max_it": 2, "ksp_rtol": 1e-12, "pc_type": "none"}
+    )
+    with pytest.raises(
+        ConvergenceError, match=r"poor_ .*DIVERGED_MAX_IT after 2 iterations.*-poor_ksp_monitor"
+    ):
         solver.solve(block.load())
     solver.destroy()
     A.destroy()

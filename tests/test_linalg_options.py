@@ -28,10 +28,18 @@ def value(name):
 
 
 def in_new_process(code, environment="", cwd=None):
-    """Return what a fresh Python prints; PETSc reads its environment and argument list only when it starts."""
+    """Return what a fresh Python prints; PETSc reads its environment and argument list only when it
+    starts.
+    """
     path = os.path.dirname(os.path.dirname(os.path.abspath(options.__file__)))
-    env = os.environ | {"PETSC_OPTIONS": environment, "PYTHONPATH": os.path.dirname(path), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, "-c", code], env=env, cwd=cwd, capture_output=True, text=True, timeout=60)
+    env = os.environ | {
+        "PETSC_OPTIONS": environment,
+        "PYTHONPATH": os.path.dirname(path),
+        "OMP_NUM_THREADS": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, cwd=cwd, capture_output=True, text=True, timeout=60
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -39,7 +47,11 @@ def in_new_process(code, environment="", cwd=None):
 def test_command_line_beats_scene_beats_default():
     options.start("-solid_ksp_rtol 1e-3 -solid_pc_type jacobi", ["-solid_ksp_rtol", "1e-5"])
     options.set_defaults("solid_", {"ksp_rtol": 1e-8, "pc_type": "gamg", "ksp_type": "cg"})
-    assert [value("solid_" + name) for name in ("ksp_rtol", "pc_type", "ksp_type")] == ["1e-5", "jacobi", "cg"]
+    assert [value("solid_" + name) for name in ("ksp_rtol", "pc_type", "ksp_type")] == [
+        "1e-5",
+        "jacobi",
+        "cg",
+    ]
 
 
 PRECEDENCE = """
@@ -67,7 +79,9 @@ def test_environment_and_rc_file_are_respected_and_restored_by_a_second_start(tm
 def test_options_file_and_prefixes_count_as_the_users(tmp_path):
     file = tmp_path / "direct.txt"
     file.write_text("-solid_pc_type lu  # comment\n")
-    options.start("", f"-options_file {file} -prefix_push fluid_ -ksp_rtol 1e-4 -prefix_pop".split())
+    options.start(
+        "", f"-options_file {file} -prefix_push fluid_ -ksp_rtol 1e-4 -prefix_pop".split()
+    )
     assert (value("solid_pc_type"), value("fluid_ksp_rtol")) == ("lu", "1e-4")
     assert options.unused_options(COMM) == ["fluid_ksp_rtol", "solid_pc_type"]
     assert PETSc.Options().getString("solid_pc_type") == "lu"
@@ -78,7 +92,11 @@ def test_second_start_forgets_options_and_defaults_of_the_first():
     options.start("-solid_ksp_rtol 1e-3")
     options.set_defaults("solid_", {"pc_type": "gamg"})
     options.start("-fluid_ksp_rtol 1e-4")
-    assert (value("solid_ksp_rtol"), value("solid_pc_type"), value("fluid_ksp_rtol")) == (None, None, "1e-4")
+    assert (value("solid_ksp_rtol"), value("solid_pc_type"), value("fluid_ksp_rtol")) == (
+        None,
+        None,
+        "1e-4",
+    )
 
 
 def test_defaults_of_a_prefix_replace_the_earlier_ones():
@@ -92,7 +110,10 @@ def test_defaults_of_a_prefix_replace_the_earlier_ones():
     [
         ("-solid_ksp_rtoll 1e-3", "did you mean -solid_ksp_rtol?"),
         ("-soild_ksp_rtol 1e-3", "did you mean -solid_ksp_rtol?"),
-        ("-solid_ksp_max_it 3", "it exists, but the solver made with -solid_ksp_type cg does not read it: remove it"),
+        (
+            "-solid_ksp_max_it 3",
+            "it exists, but the solver made with -solid_ksp_type cg does not read it: remove it",
+        ),
         ("-zebra 1", "the prefixes here are fluid_, solid_"),
     ],
 )
@@ -164,7 +185,9 @@ def test_a_file_that_holds_no_options_is_refused_by_name(tmp_path):
     """PETSc reads it as it starts: in a process of its own."""
     file = tmp_path / "no.opt"
     file.write_text("this is no option file")
-    code = f"from porofsi_petsc.linalg import options; options.start('', ['-options_file', '{file}'])"
+    code = (
+        f"from porofsi_petsc.linalg import options; options.start('', ['-options_file', '{file}'])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "InputError: PETSc options: PETSc does not start with them" in done.stderr
 

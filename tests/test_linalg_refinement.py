@@ -1,4 +1,6 @@
-"""Iterations of FieldSplit stay bounded under refinement, for every drag and step; solvers that fail say why."""
+"""Iterations of FieldSplit stay bounded under refinement, for every drag and step; solvers that
+fail say why.
+"""
 
 import os
 import subprocess
@@ -43,7 +45,9 @@ def iterations(dim, n, has_auxiliary, **physics):
 @pytest.mark.parametrize("has_auxiliary", [False, True])
 @pytest.mark.parametrize("drag_number", [0.0, 1.0, 1e4, 1e8])
 @pytest.mark.parametrize("dim, meshes", [(2, (8, 32)), (3, (4, 8))])
-def test_iterations_are_bounded_under_refinement(monkeypatch, dim, meshes, drag_number, has_auxiliary, package):
+def test_iterations_are_bounded_under_refinement(
+    monkeypatch, dim, meshes, drag_number, has_auxiliary, package
+):
     if package == "gamg":
         monkeypatch.setattr(fieldsplit, "has_package", lambda name: False)
     elif not options.has_package("hypre"):
@@ -60,9 +64,13 @@ def test_iterations_are_bounded_for_every_step(step):
 
 @pytest.mark.parametrize("direct", [True, False])
 def test_a_solver_recovers_from_a_matrix_that_is_not_finite(direct):
-    """As after a step that diverged, where the next one is shorter; MUMPS keeps the error of its last factorization."""
+    """As after a step that diverged, where the next one is shorter; MUMPS keeps the error of its
+    last factorization.
+    """
     block = FluidBlock(MPI.COMM_SELF, 2, 6, False)
-    A, rhs, defaults = block.matrix("fluid_"), block.load(), fieldsplit.fluid_defaults(2, direct)
+    A = block.matrix("fluid_")
+    rhs = block.load()
+    defaults = fieldsplit.fluid_defaults(2, direct)
     options.set_defaults("fluid_", defaults)
     fields = fieldsplit.fluid_fields(MPI.COMM_SELF, 0, len(block.X), 2, block.block_size)
     solver = LinearSolver(A.mat, "fluid_", defaults, fields=None if direct else fields)
@@ -94,8 +102,13 @@ solver = LinearSolver(block.matrix("solid_").mat, "solid_", solid_defaults(2, Fa
 solver.solve(block.load())
 """
     here = os.path.dirname(os.path.abspath(__file__))
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([here, os.path.dirname(here)]), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=60)
+    env = os.environ | {
+        "PYTHONPATH": os.pathsep.join([here, os.path.dirname(here)]),
+        "OMP_NUM_THREADS": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=60
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -112,7 +125,9 @@ def test_a_solver_that_cannot_work_is_wrong_input(text, reason):
     options.start(command_line=text.split())
     A = FluidBlock(MPI.COMM_SELF, 2, 2, False).matrix("odd_")
     solver = LinearSolver(A.mat, "odd_", {"ksp_type": "preonly"})
-    with pytest.raises(InputError, match=f"a solver -odd_… cannot work: .*{reason}.*; choose another"):
+    with pytest.raises(
+        InputError, match=f"a solver -odd_… cannot work: .*{reason}.*; choose another"
+    ):
         solver.solve(np.ones(A.mat.getSize()[0]))
     solver.destroy()
     A.destroy()
@@ -133,7 +148,8 @@ def test_any_other_error_of_petsc_is_a_failed_solve(stage, code):
 
     A = FluidBlock(MPI.COMM_SELF, 2, 2, False).matrix("bad_")
     solver = LinearSolver(A.mat, "bad_", direct_defaults())
-    ksp, solver.ksp = solver.ksp, Failing()
+    ksp = solver.ksp
+    solver.ksp = Failing()
     with pytest.raises(ConvergenceError, match="linear solver bad_: its (set-up|solve) failed: "):
         solver.solve(np.ones(A.mat.getSize()[0]))
     solver.destroy()
@@ -143,13 +159,17 @@ def test_any_other_error_of_petsc_is_a_failed_solve(stage, code):
 def test_the_advice_of_a_solver_that_fails_names_the_options():
     A = FluidBlock(MPI.COMM_SELF, 2, 4, False).matrix("few_")
     solver = LinearSolver(A.mat, "few_", {"ksp_type": "gmres", "pc_type": "none", "ksp_max_it": 1})
-    with pytest.raises(ConvergenceError, match=r"direct solver \(-few_ksp_type preonly -few_pc_type lu\)"):
+    with pytest.raises(
+        ConvergenceError, match=r"direct solver \(-few_ksp_type preonly -few_pc_type lu\)"
+    ):
         solver.solve(np.arange(A.mat.getSize()[0]) + 1.0)
     solver.destroy()
     A.destroy()
 
 
-@pytest.mark.parametrize("text", ["-odd_pc_type nosuch", "-odd_pc_type lu -odd_pc_factor_mat_solver_type nosuch"])
+@pytest.mark.parametrize(
+    "text", ["-odd_pc_type nosuch", "-odd_pc_type lu -odd_pc_factor_mat_solver_type nosuch"]
+)
 def test_a_solver_that_petsc_lacks_is_wrong_input(text):
     options.start(command_line=text.split())
     A = FluidBlock(MPI.COMM_SELF, 2, 2, False).matrix("odd_")

@@ -1,11 +1,25 @@
-"""Orders of convergence in space on manufactured solutions: each phase alone, and both at finite strain on a moving mesh."""
+"""Orders of convergence in space on manufactured solutions: each phase alone, and both at finite
+strain on a moving mesh.
+"""
 
 from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
-from manufactured import SCENE, Fields, Manufactured, errors, fluid_alone, medium, orders, solid_alone, t, x, y
+from manufactured import (
+    SCENE,
+    Fields,
+    Manufactured,
+    errors,
+    fluid_alone,
+    medium,
+    orders,
+    solid_alone,
+    t,
+    x,
+    y,
+)
 
 from porofsi_petsc import load_scene
 
@@ -15,7 +29,13 @@ FIELDS = Fields(
     psi=GROWTH * sp.sin(1.5 * x - y + 0.2) / 2,
     p=GROWTH * sp.cos(1.2 * x + 0.7 * y),
 )
-TIME = ("time.end=0.5", "time.step=0.05", "time.rho_inf=0.0", "coupling.scheme=direct", "coupling.tolerance=1e-8")
+TIME = (
+    "time.end=0.5",
+    "time.step=0.05",
+    "time.rho_inf=0.0",
+    "coupling.scheme=direct",
+    "coupling.tolerance=1e-8",
+)
 CONSTANT = ("model.porosity=constant", "material.0.permeability.law=constant")
 FIXED = ("model.moving_mesh=false", "limits.mesh_displacement=report")
 CONVECTION = ("model.convection=true",)
@@ -52,24 +72,38 @@ def of_medium(truth, scene):
     return errors(truth, scene.time.end, coupling.solid, coupling.fluid)
 
 
-# Theory on general meshes for elements of order 1 and 2: u 2 and 3; Darcy: p 2 and 3, and v_f, which carries ∇p, 1 and 2, with
-# or without inertia; Brinkman with PSPG: v_f 2 and 3, p 1 and 2.  With convection and variable porosity p has one order less, 1
-# and 2: n_f = 1 - n_s0/J has errors of order h and h² that differ from element to element, and PSPG, whose τ is of order h then,
+# Theory on general meshes for elements of order 1 and 2: u 2 and 3; Darcy: p 2 and 3, and v_f,
+# which carries ∇p, 1 and 2, with or without inertia; Brinkman with PSPG: v_f 2 and 3, p 1 and 2.
+# With convection and variable porosity p has one order less, 1 and 2: n_f = 1 - n_s0/J has errors
+# of order h and h² that differ from element to element, and PSPG, whose τ is of order h then,
 # answers them (docs/manufactured.md).
 CASES = {
     "skeleton, static": (of_solid, STATIC, {"u": (2, 3)}),
     "skeleton, dynamic": (of_solid, (), {"u": (2, 3)}),
     "fluid, Darcy": (of_fluid, DARCY, {"v_f": (1, 2), "p": (2, 3)}),
     "fluid, Darcy with inertia": (of_fluid, (), {"v_f": (1, 2), "p": (2, 3)}),
-    "fluid, convection, constant porosity": (of_fluid, (*CONVECTION, *CONSTANT), {"v_f": (1, 2), "p": (2, 3)}),
+    "fluid, convection, constant porosity": (
+        of_fluid,
+        (*CONVECTION, *CONSTANT),
+        {"v_f": (1, 2), "p": (2, 3)},
+    ),
     "fluid, convection, variable porosity": (of_fluid, CONVECTION, {"v_f": (1, 2), "p": (1, 2)}),
-    "fluid, Brinkman, fixed mesh": (of_fluid, (*BRINKMAN, *CONSTANT, *FIXED), {"v_f": (2, 3), "p": (1, 2)}),
+    "fluid, Brinkman, fixed mesh": (
+        of_fluid,
+        (*BRINKMAN, *CONSTANT, *FIXED),
+        {"v_f": (2, 3), "p": (1, 2)},
+    ),
     "fluid, Brinkman, moving mesh": (of_fluid, BRINKMAN, {"v_f": (2, 3), "p": (1, 2)}),
-    "fluid, Brinkman with convection": (of_fluid, (*BRINKMAN, *CONVECTION, *CONSTANT), {"v_f": (2, 3), "p": (1, 2)}),
+    "fluid, Brinkman with convection": (
+        of_fluid,
+        (*BRINKMAN, *CONVECTION, *CONSTANT),
+        {"v_f": (2, 3), "p": (1, 2)},
+    ),
     "medium": (of_medium, (), {"u": (2, 3), "v_f": (1, 2), "p": (2, 3)}),
 }
 CELLS = {1: (16, 32), 2: (8, 16)}
-# On these meshes the leading term of the error is not alone yet, and the meshes are not similar to each other.
+# On these meshes the leading term of the error is not alone yet, and the meshes are not similar to
+# each other.
 SLACK = 0.25
 
 
@@ -81,6 +115,9 @@ def test_order_in_space(case, order):
     found = orders([measure(truth, scene(order, cells, options)) for cells in CELLS[order]])
     for name, expected in theory.items():
         error, rate = found[name]
-        print(f"P{order} {case}: {name} errors {error}, order {rate[-1]:.2f}, theory {expected[order - 1]}")
+        print(
+            f"P{order} {case}: {name} errors {error}, order {rate[-1]:.2f}, theory"
+            f" {expected[order - 1]}"
+        )
         assert rate[-1] > expected[order - 1] - SLACK
         assert np.all(error < 0.5)

@@ -13,7 +13,12 @@ from porofsi_petsc.mesh import box, memory, node_graph, rectangle, require_regio
 from porofsi_petsc.mesh.check import boundary_tags, require_every_tag
 from porofsi_petsc.mesh.generate import grid_lines
 from porofsi_petsc.mesh.memory import BYTES_PER_GRID_CELL
-from porofsi_petsc.mesh.topology import boundary_facets, cell_facets, facet_multiplicity, locate_facets
+from porofsi_petsc.mesh.topology import (
+    boundary_facets,
+    cell_facets,
+    facet_multiplicity,
+    locate_facets,
+)
 
 
 def axis(points, cells, ratios=None):
@@ -29,7 +34,11 @@ Y = axis([0.0, 10.0], [4], [0.3])
 MANY = axis([0.0, 1.0], [2**31 - 1])
 Z = axis([-1.0, 0.0, 2.0], [2, 2])
 GENERATED = {
-    **{f"T{3 * order}-{d}": (rectangle, (X, Y, order, d), 210.0) for order in (1, 2) for d in ("right", "left", "alternating")},
+    **{
+        f"T{3 * order}-{d}": (rectangle, (X, Y, order, d), 210.0)
+        for order in (1, 2)
+        for d in ("right", "left", "alternating")
+    },
     "T4": (box, (X, Y, Z, 1), 630.0),
     "T10": (box, (X, Y, Z, 2), 630.0),
 }
@@ -50,7 +59,9 @@ def measures(points, cells, element):
 
 def test_volume_is_exact_and_every_cell_positive(generated):
     mesh, volume = generated
-    assert measures(mesh.points, mesh.cells, mesh.element).sum() == pytest.approx(volume, rel=1e-12)  # round-off of the sum
+    assert measures(mesh.points, mesh.cells, mesh.element).sum() == pytest.approx(
+        volume, rel=1e-12
+    )  # round-off of the sum
     corners = mesh.points[mesh.cells]
     assert np.linalg.det(corners[:, 1 : mesh.dim + 1] - corners[:, :1]).min() > 0
 
@@ -59,15 +70,24 @@ def test_sides_have_their_exact_measure_and_outward_normal(generated):
     mesh, _ = generated
     lengths = np.ptp(mesh.points, axis=0)
     last = mesh.dim - 1
-    for tag, direction, sign in (("left", 0, -1), ("right", 0, 1), ("bottom", last, -1), ("top", last, 1)):
+    for tag, direction, sign in (
+        ("left", 0, -1),
+        ("right", 0, 1),
+        ("bottom", last, -1),
+        ("top", last, 1),
+    ):
         nodes = mesh.facets[tag]
         area = measures(mesh.points, nodes, FACET[mesh.element.name]).sum()
         assert area == pytest.approx(np.prod(np.delete(lengths, direction)), rel=1e-12)
         cell, _ = locate_facets(nodes, mesh.cells, mesh.element)
-        inward = mesh.points[mesh.cells[cell, : mesh.dim + 1]].mean(axis=1) - mesh.points[nodes[:, 0]]
+        inward = (
+            mesh.points[mesh.cells[cell, : mesh.dim + 1]].mean(axis=1) - mesh.points[nodes[:, 0]]
+        )
         assert np.all(inward[:, direction] * sign < 0)
         edges = mesh.points[nodes[:, 1 : mesh.dim]] - mesh.points[nodes[:, :1]]
-        normal = edges[:, 0, ::-1] * [1, -1] if mesh.dim == 2 else np.cross(edges[:, 0], edges[:, 1])
+        normal = (
+            edges[:, 0, ::-1] * [1, -1] if mesh.dim == 2 else np.cross(edges[:, 0], edges[:, 1])
+        )
         assert np.all(normal[:, direction] * sign > 0)
 
 
@@ -75,7 +95,9 @@ def test_mesh_is_conforming_and_every_boundary_facet_has_one_tag(generated):
     mesh, _ = generated
     multiplicity = facet_multiplicity(mesh.cells, mesh.element)
     assert set(np.unique(multiplicity)) == {1, 2}
-    tagged = np.concatenate([locate_facets(nodes, mesh.cells, mesh.element) for nodes in mesh.facets.values()], axis=1)
+    tagged = np.concatenate(
+        [locate_facets(nodes, mesh.cells, mesh.element) for nodes in mesh.facets.values()], axis=1
+    )
     boundary = np.array(boundary_facets(mesh.cells, mesh.element))
     assert sorted(map(tuple, tagged.T)) == sorted(map(tuple, boundary.T))
     assert np.array_equal(np.unique(mesh.cells), np.arange(len(mesh.points)))
@@ -113,19 +135,43 @@ def test_patch_is_carved_out_of_its_side():
     assert set(mesh.facets) == {"left", "right", "top", "strip", "foot"}
     strip = mesh.points[mesh.facets["strip"]]
     assert strip[..., 0].min() == 10 and strip[..., 0].max() == 11 and np.all(strip[..., 1] == 10)
-    assert len(mesh.facets["strip"]) == 2 and len(mesh.facets["top"]) == 10 and len(mesh.facets["foot"]) == 12
+    assert (
+        len(mesh.facets["strip"]) == 2
+        and len(mesh.facets["top"]) == 10
+        and len(mesh.facets["foot"]) == 12
+    )
 
 
 def test_square_patch_on_a_box():
-    mesh = box(X, Y, Z, 1, [part("load", "top", x=[10.0, 11.0], y=[0.0, 10.0]), part("hole", "front", z=[-1.0, 0.0])])
-    area = {tag: measures(mesh.points, nodes, FACET["T4"]).sum() for tag, nodes in mesh.facets.items()}
+    mesh = box(
+        X,
+        Y,
+        Z,
+        1,
+        [part("load", "top", x=[10.0, 11.0], y=[0.0, 10.0]), part("hole", "front", z=[-1.0, 0.0])],
+    )
+    area = {
+        tag: measures(mesh.points, nodes, FACET["T4"]).sum() for tag, nodes in mesh.facets.items()
+    }
     assert area == pytest.approx(
-        {"left": 30, "right": 30, "front": 42, "back": 63, "bottom": 210, "top": 200, "load": 10, "hole": 21}, rel=1e-12
+        {
+            "left": 30,
+            "right": 30,
+            "front": 42,
+            "back": 63,
+            "bottom": 210,
+            "top": 200,
+            "load": 10,
+            "hole": 21,
+        },
+        rel=1e-12,
     )
 
 
 def test_regions_cover_their_intervals_and_the_rest_is_body():
-    mesh = rectangle(X, Y, regions=[part("core", x=[10.0, 11.0]), part("edge", x=[11.0, 21.0], y=[0.0, 10.0])])
+    mesh = rectangle(
+        X, Y, regions=[part("core", x=[10.0, 11.0]), part("edge", x=[11.0, 21.0], y=[0.0, 10.0])]
+    )
     assert mesh.regions == ("body", "core", "edge")
     areas = np.bincount(mesh.cell_region, weights=measures(mesh.points, mesh.cells, mesh.element))
     assert areas == pytest.approx([100, 10, 100], rel=1e-12)
@@ -136,10 +182,16 @@ def test_regions_cover_their_intervals_and_the_rest_is_body():
 @pytest.mark.parametrize(
     ("patches", "message"),
     [
-        ([part("strip", "top", x=[10.0, 11.3])], r"'strip', x: 11.3 m is not on a mesh line, the nearest is 11 m"),
+        (
+            [part("strip", "top", x=[10.0, 11.3])],
+            r"'strip', x: 11.3 m is not on a mesh line, the nearest is 11 m",
+        ),
         ([part("strip", "top", y=[0.0, 10.0])], r"interval of y has no meaning on the side 'top'"),
         ([part("strip", "top", x=[11.0, 11.0])], r"interval \[11, 11\] m is empty"),
-        ([part("a", "top", x=[0.0, 11.0]), part("b", "top", x=[10.0, 21.0])], r"'b': contains 2 facets of another patch"),
+        (
+            [part("a", "top", x=[0.0, 11.0]), part("b", "top", x=[10.0, 21.0])],
+            r"'b': contains 2 facets of another patch",
+        ),
     ],
 )
 def test_wrong_patch_is_refused_in_one_sentence(patches, message):
@@ -148,19 +200,41 @@ def test_wrong_patch_is_refused_in_one_sentence(patches, message):
 
 
 def test_a_limit_that_misses_a_line_by_little_is_shown_with_all_its_digits():
-    with pytest.raises(InputError, match=r"10.0000001 m is not on a mesh line, the nearest is 10 m"):
+    with pytest.raises(
+        InputError, match=r"10.0000001 m is not on a mesh line, the nearest is 10 m"
+    ):
         rectangle(X, Y, patches=[part("strip", "top", x=[10.0000001, 11.0])])
 
 
 @pytest.mark.parametrize(
     ("x", "y", "message"),
     [
-        (axis([0.0, 1.0], [4], [1e30]), Y, r"\[mesh.x\]: the smallest cell, 1e-30 m, is lost beside coordinates of 1 m"),
-        (axis([1e12, 1e12 + 1], [4]), Y, r"\[mesh.x\]: the smallest cell, 0.25 m, is lost beside coordinates of 1e\+12 m"),
+        (
+            axis([0.0, 1.0], [4], [1e30]),
+            Y,
+            r"\[mesh.x\]: the smallest cell, 1e-30 m, is lost beside coordinates of 1 m",
+        ),
+        (
+            axis([1e12, 1e12 + 1], [4]),
+            Y,
+            r"\[mesh.x\]: the smallest cell, 0.25 m, is lost beside coordinates of 1e\+12 m",
+        ),
         (axis([0.0, 1e-200, 1.0], [1, 1]), Y, r"\[mesh.x\]: the smallest cell, 1e-200 m, is lost"),
-        (X, axis([0.0, 1e-12], [1]), r"\[mesh\]: cells of 3.56 m along x and 1e-12 m across are degenerate"),
-        (MANY, MANY, r"\[mesh\]: received 4.61e\+18 grid cells, whose mesh alone takes 2.41e\+12 GiB"),
-        (axis([0.0, 1.0], [9]), MANY, r"\[mesh\]: received 1.93e\+10 grid cells, .* GiB of the .* GiB of this machine"),
+        (
+            X,
+            axis([0.0, 1e-12], [1]),
+            r"\[mesh\]: cells of 3.56 m along x and 1e-12 m across are degenerate",
+        ),
+        (
+            MANY,
+            MANY,
+            r"\[mesh\]: received 4.61e\+18 grid cells, whose mesh alone takes 2.41e\+12 GiB",
+        ),
+        (
+            axis([0.0, 1.0], [9]),
+            MANY,
+            r"\[mesh\]: received 1.93e\+10 grid cells, .* GiB of the .* GiB of this machine",
+        ),
     ],
 )
 def test_what_gives_no_mesh_is_refused_before_it_is_made(x, y, message):
@@ -171,11 +245,15 @@ def test_what_gives_no_mesh_is_refused_before_it_is_made(x, y, message):
 def test_a_box_of_flat_cells_is_refused_and_one_of_long_cells_is_not():
     with pytest.raises(InputError, match=r"cells of 1 m along x and 1e-13 m across are degenerate"):
         box(axis([0.0, 1.0], [1]), axis([0.0, 1.0], [1]), axis([0.0, 1e-13], [1]))
-    assert len(box(axis([0.0, 1.0], [1]), axis([0.0, 1e-4], [1]), axis([0.0, 1e-4], [1])).cells) == 6
+    assert (
+        len(box(axis([0.0, 1.0], [1]), axis([0.0, 1e-4], [1]), axis([0.0, 1e-4], [1])).cells) == 6
+    )
 
 
 def test_the_memory_that_a_mesh_is_refused_for_is_what_its_making_takes():
-    """The estimate is no more than the peak, so that nothing is refused that could be made, and no less than half of it."""
+    """The estimate is no more than the peak, so that nothing is refused that could be made, and no
+    less than half of it.
+    """
     for dim, make, cells in ((2, rectangle, 60), (3, box, 12)):
         tracemalloc.start()
         make(*[axis([0.0, 1.0], [cells])] * dim)
@@ -199,7 +277,10 @@ def test_unknown_tag_and_region_are_named_with_the_available_ones():
     mesh = rectangle(X, Y)
     require_tags(mesh, ["left", "top"], "scene.toml")
     require_regions(mesh, ["body"], "scene.toml")
-    with pytest.raises(InputError, match=r"\[boundary\]: .* no boundary tag 'lid'; choose from bottom, left, right, top"):
+    with pytest.raises(
+        InputError,
+        match=r"\[boundary\]: .* no boundary tag 'lid'; choose from bottom, left, right, top",
+    ):
         require_tags(mesh, ["left", "lid"], "scene.toml [boundary]")
     with pytest.raises(InputError, match="no region 'soil'; choose from body"):
         require_regions(mesh, ["soil"], "scene.toml")
@@ -219,7 +300,11 @@ def test_boundary_without_an_entry_is_named_and_an_interior_tag_needs_none():
 
 def test_hash_tells_meshes_apart_and_is_stable():
     assert rectangle(X, Y).hash == rectangle(X, Y).hash
-    others = [rectangle(X, Y, 2), rectangle(X, Y, 1, "left"), rectangle(X, Y, patches=[part("strip", "top", x=[10.0, 11.0])])]
+    others = [
+        rectangle(X, Y, 2),
+        rectangle(X, Y, 1, "left"),
+        rectangle(X, Y, patches=[part("strip", "top", x=[10.0, 11.0])]),
+    ]
     assert len({mesh.hash for mesh in [rectangle(X, Y), *others]}) == 4
 
 

@@ -1,4 +1,6 @@
-"""Mesh files whose cells overlap: tangled by a moved node, hung on the boundary, folded over themselves."""
+"""Mesh files whose cells overlap: tangled by a moved node, hung on the boundary, folded over
+themselves.
+"""
 
 from types import SimpleNamespace
 
@@ -13,18 +15,27 @@ GRIDS = {
     **{f"T{3 * order}": rectangle(AXIS, AXIS, order) for order in (1, 2)},
     **{name: box(AXIS, AXIS, AXIS, order) for name, order in (("T4", 1), ("T10", 2))},
 }
-FLIP = {"T3": [0, 2, 1], "T6": [0, 2, 1, 5, 4, 3], "T4": [0, 2, 1, 3], "T10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]}
+FLIP = {
+    "T3": [0, 2, 1],
+    "T6": [0, 2, 1, 5, 4, 3],
+    "T4": [0, 2, 1, 3],
+    "T10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
+}
 TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 TETRAHEDRON = np.vstack([np.zeros(3), np.eye(3)])
 
 
 def moved(mesh, shift):
-    """Return the points with the first inner vertex shifted along x, mid-edge nodes in the middle."""
+    """Return the points with the first inner vertex shifted along x, mid-edge nodes in the
+    middle.
+    """
     points = mesh.points.copy()
     points[np.abs(points - 1.0).sum(axis=1) < 1e-12, 0] += shift
     corners = mesh.dim + 1
     for i, (a, b) in enumerate(mesh.element.edges[: mesh.cells.shape[1] - corners]):
-        points[mesh.cells[:, corners + i]] = (points[mesh.cells[:, a]] + points[mesh.cells[:, b]]) / 2
+        points[mesh.cells[:, corners + i]] = (
+            points[mesh.cells[:, a]] + points[mesh.cells[:, b]]
+        ) / 2
     return points
 
 
@@ -36,7 +47,9 @@ def half_clockwise(mesh):
 
 
 def with_cells(mesh, corners, nodes):
-    """Return points and groups with one more linear cell: known nodes, then new ones at corners (n, d)."""
+    """Return points and groups with one more linear cell: known nodes, then new ones at corners (n,
+    d).
+    """
     new = len(mesh.points) + np.arange(len(corners))
     cell = np.array([[*nodes, *new]])
     group = (mesh.element.meshio_name, mesh.dim, "body", cell)
@@ -47,7 +60,9 @@ def with_cells(mesh, corners, nodes):
 @pytest.mark.parametrize("name", GRIDS)
 def test_a_node_moved_across_its_neighbours_is_refused(tmp_path, name, shift):
     mesh = GRIDS[name]
-    message = r"the mesh is tangled at \d+ facets, the first at \(.*\): its cells \d+ at \(.* same side"
+    message = (
+        r"the mesh is tangled at \d+ facets, the first at \(.*\): its cells \d+ at \(.* same side"
+    )
     refused_groups(tmp_path, moved(mesh, shift), half_clockwise(mesh), message, dim=mesh.dim)
 
 
@@ -60,17 +75,32 @@ def test_a_distorted_mesh_of_either_orientation_is_accepted(tmp_path, name, shif
 
 
 def test_a_cell_that_is_hung_on_a_node_of_the_boundary_is_refused(tmp_path):
-    at = r"cells overlap: \d+ at \(.*\) and \d+ at \(.*\) \(counted from 0\), the first .*; remove one"
-    plane, space = GRIDS["T3"], GRIDS["T4"]
+    at = (
+        r"cells overlap: \d+ at \(.*\) and \d+ at \(.*\) \(counted from 0\), the first .*;"
+        r" remove one"
+    )
+    plane = GRIDS["T3"]
+    space = GRIDS["T4"]
     refused_groups(tmp_path, *with_cells(plane, [[0.9, 0.2], [0.8, 0.8]], [0]), at)
-    refused_groups(tmp_path, *with_cells(space, [[0.9, 0.2, 0.2], [0.8, 0.8, 0.1], [0.3, 0.3, 0.9]], [0]), at, dim=3)
+    refused_groups(
+        tmp_path,
+        *with_cells(space, [[0.9, 0.2, 0.2], [0.8, 0.8, 0.1], [0.3, 0.3, 0.9]], [0]),
+        at,
+        dim=3,
+    )
     tip = [[1.5, 1.4]]
-    refused_groups(tmp_path, *with_cells(plane, tip, [0, 1]), r"the mesh is tangled at 1 facets, the first at \(0.5, 0\)")
+    refused_groups(
+        tmp_path,
+        *with_cells(plane, tip, [0, 1]),
+        r"the mesh is tangled at 1 facets, the first at \(0.5, 0\)",
+    )
 
 
 @pytest.mark.parametrize("name, corners", [("T3", TRIANGLE), ("T4", TETRAHEDRON)])
 def test_a_part_without_common_nodes_may_touch_but_not_overlap(tmp_path, name, corners):
-    """Sides of an interface lie within a tenth of a facet of each other, which both sides may curve."""
+    """Sides of an interface lie within a tenth of a facet of each other, which both sides may
+    curve.
+    """
     mesh = GRIDS[name]
     for offset, fine in ((0.5, False), (1.3, False), (2.6, False), (2.95, True), (3.0, True)):
         shift = np.array([offset, *np.full(mesh.dim - 1, 0.7)])
@@ -87,7 +117,8 @@ def test_a_strip_may_meet_itself_after_a_turn_but_not_go_on(tmp_path, order, tur
     """Its cells are upright and neighbours agree; after 1.2 turns whole cells lie on each other."""
     long, wide = (SimpleNamespace(points=[0.0, 1.0], cells=[n], ratios=None) for n in (24, 2))
     strip = rectangle(long, wide, order)
-    angle, r = 2 * np.pi * turn * strip.points[:, 0], 2.0 - strip.points[:, 1]
+    angle = 2 * np.pi * turn * strip.points[:, 0]
+    r = 2.0 - strip.points[:, 1]
     points = r[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     if turn > 1:
         refused_groups(tmp_path, points, blocks(strip), "cells overlap: ")
@@ -100,7 +131,9 @@ def test_a_body_that_is_in_the_file_twice_is_refused(tmp_path):
     mesh = GRIDS["T4"]
     groups = blocks(mesh)
     copies = [(k, d, n, nodes + len(mesh.points)) for k, d, n, nodes in groups]
-    refused_groups(tmp_path, np.vstack([mesh.points] * 2), [*groups, *copies], "cells overlap: ", dim=3)
+    refused_groups(
+        tmp_path, np.vstack([mesh.points] * 2), [*groups, *copies], "cells overlap: ", dim=3
+    )
 
 
 @pytest.mark.parametrize("name", MESHES)

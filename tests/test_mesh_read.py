@@ -1,4 +1,6 @@
-"""Mesh files: Gmsh 2.2 and 4.1 and others, all elements, and one sentence for everything unusable."""
+"""Mesh files: Gmsh 2.2 and 4.1 and others, all elements, and one sentence for everything
+unusable.
+"""
 
 import os
 from pathlib import Path
@@ -16,21 +18,35 @@ AXIS = SimpleNamespace(points=[0.0, 1.0, 2.0], cells=[2, 1], ratios=None)
 PATCH = SimpleNamespace(name="strip", side="top", x=[0.0, 1.0])
 REGION = SimpleNamespace(name="core", x=[0.0, 1.0], y=None, z=None)
 MESHES = {
-    **{f"T{3 * order}": rectangle(AXIS, AXIS, order, "alternating", [PATCH], [REGION]) for order in (1, 2)},
-    **{name: box(AXIS, AXIS, AXIS, order, [PATCH], [REGION]) for name, order in (("T4", 1), ("T10", 2))},
+    **{
+        f"T{3 * order}": rectangle(AXIS, AXIS, order, "alternating", [PATCH], [REGION])
+        for order in (1, 2)
+    },
+    **{
+        name: box(AXIS, AXIS, AXIS, order, [PATCH], [REGION])
+        for name, order in (("T4", 1), ("T10", 2))
+    },
 }
 GMSH_TYPE = {"line": 1, "triangle": 2, "tetra": 4, "line3": 8, "triangle6": 9, "tetra10": 11}
 
 
 def blocks(mesh):
     """Return (meshio kind, dimension, name, nodes) for every named group."""
-    groups = [(mesh.element.facet_meshio_name, mesh.dim - 1, tag, nodes) for tag, nodes in mesh.facets.items()]
+    groups = [
+        (mesh.element.facet_meshio_name, mesh.dim - 1, tag, nodes)
+        for tag, nodes in mesh.facets.items()
+    ]
     parts = [mesh.cells[mesh.cell_region == i] for i in range(len(mesh.regions))]
-    return groups + [(mesh.element.meshio_name, mesh.dim, name, nodes) for name, nodes in zip(mesh.regions, parts, strict=True)]
+    return groups + [
+        (mesh.element.meshio_name, mesh.dim, name, nodes)
+        for name, nodes in zip(mesh.regions, parts, strict=True)
+    ]
 
 
 def as_meshio(points, groups):
-    """Return meshio's mesh with Gmsh physical groups; a name None leaves the elements without a group."""
+    """Return meshio's mesh with Gmsh physical groups; a name None leaves the elements without a
+    group.
+    """
     names = list(dict.fromkeys((name, dim) for _, dim, name, _ in groups if name))
     number = {key: i + 1 for i, key in enumerate(names)}
     numbers = [np.full(len(nodes), number.get((name, dim), 0)) for _, dim, name, nodes in groups]
@@ -47,16 +63,36 @@ def write22(path, points, groups):
 
 
 def write41(path, points, groups):
-    """Write Gmsh 4.1 ASCII, one entity per group; a group name is a string, a tuple of strings, or None."""
+    """Write Gmsh 4.1 ASCII, one entity per group; a group name is a string, a tuple of strings, or
+    None.
+    """
     tuples = [(k, d, (n,) if isinstance(n, str) else n or (), c) for k, d, n, c in groups]
-    physical = {key: i + 1 for i, key in enumerate(dict.fromkeys((d, n) for _, d, names, _ in tuples for n in names))}
+    physical = {
+        key: i + 1
+        for i, key in enumerate(dict.fromkeys((d, n) for _, d, names, _ in tuples for n in names))
+    }
     lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(physical))]
     lines += [f'{d} {i} "{n}"' for (d, n), i in physical.items()]
-    lines += ["$EndPhysicalNames", "$Entities", " ".join(str(sum(d == k for _, d, _, _ in tuples)) for k in range(4))]
+    lines += [
+        "$EndPhysicalNames",
+        "$Entities",
+        " ".join(str(sum(d == k for _, d, _, _ in tuples)) for k in range(4)),
+    ]
     for number, (_, dim, names, _) in sorted(enumerate(tuples, 1), key=lambda item: item[1][1]):
-        lines.append(f"{number} 0 0 0 1 1 1 {len(names)} " + " ".join(str(physical[dim, n]) for n in names) + " 0")
-    lines += ["$EndEntities", "$Nodes", f"1 {len(points)} 1 {len(points)}", f"{tuples[-1][1]} {len(tuples)} 0 {len(points)}"]
-    lines += [str(i + 1) for i in range(len(points))] + [" ".join(map(repr, map(float, (*p, 0.0)[:3]))) for p in points]
+        lines.append(
+            f"{number} 0 0 0 1 1 1 {len(names)} "
+            + " ".join(str(physical[dim, n]) for n in names)
+            + " 0"
+        )
+    lines += [
+        "$EndEntities",
+        "$Nodes",
+        f"1 {len(points)} 1 {len(points)}",
+        f"{tuples[-1][1]} {len(tuples)} 0 {len(points)}",
+    ]
+    lines += [str(i + 1) for i in range(len(points))] + [
+        " ".join(map(repr, map(float, (*p, 0.0)[:3]))) for p in points
+    ]
     total = sum(len(cells) for *_, cells in tuples)
     lines += ["$EndNodes", "$Elements", f"{len(tuples)} {total} 1 {total}"]
     element = 0
@@ -69,7 +105,9 @@ def write41(path, points, groups):
 
 
 def same_facets(first, second):
-    return {tag: set(map(tuple, nodes)) for tag, nodes in first.items()} == {tag: set(map(tuple, n)) for tag, n in second.items()}
+    return {tag: set(map(tuple, nodes)) for tag, nodes in first.items()} == {
+        tag: set(map(tuple, n)) for tag, n in second.items()
+    }
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -82,18 +120,26 @@ def test_gmsh_files_come_back_by_name_in_their_own_numbering(tmp_path, name, wri
     assert np.array_equal(read.points, mesh.points)
     assert same_facets(read.facets, mesh.facets)
     assert sorted(read.regions) == sorted(mesh.regions)
-    named = {(read.regions[r], *nodes) for r, nodes in zip(read.cell_region, read.cells, strict=True)}
-    assert named == {(mesh.regions[r], *nodes) for r, nodes in zip(mesh.cell_region, mesh.cells, strict=True)}
+    named = {
+        (read.regions[r], *nodes) for r, nodes in zip(read.cell_region, read.cells, strict=True)
+    }
+    assert named == {
+        (mesh.regions[r], *nodes) for r, nodes in zip(mesh.cell_region, mesh.cells, strict=True)
+    }
 
 
 def test_other_format_with_integer_tags_gets_numbers_as_names(tmp_path):
     mesh = MESHES["T3"]
     source = as_meshio(mesh.points, blocks(mesh))
     numbers = source.cell_data["gmsh:physical"]
-    meshio.Mesh(source.points, source.cells, cell_data={"tag": numbers}).write(tmp_path / "a.vtu", binary=False)
+    meshio.Mesh(source.points, source.cells, cell_data={"tag": numbers}).write(
+        tmp_path / "a.vtu", binary=False
+    )
     read = read_mesh(tmp_path / "a.vtu", 2)
     assert sorted(read.facets) == ["1", "2", "3", "4", "5"] and read.regions == ("6", "7")
-    meshio.Mesh(source.points, source.cells, cell_data={"tag": numbers, "other": numbers}).write(tmp_path / "b.vtu", binary=False)
+    meshio.Mesh(source.points, source.cells, cell_data={"tag": numbers, "other": numbers}).write(
+        tmp_path / "b.vtu", binary=False
+    )
     with pytest.raises(InputError, match=r"several integer arrays over the cells \(tag, other\)"):
         read_mesh(tmp_path / "b.vtu", 2)
 
@@ -101,8 +147,13 @@ def test_other_format_with_integer_tags_gets_numbers_as_names(tmp_path):
 def test_other_format_with_named_cell_sets(tmp_path):
     mesh = MESHES["T4"]
     groups = blocks(mesh)
-    sets = {name: [np.arange(len(nodes) * (name == n)) for *_, n, nodes in groups] for *_, name, _ in groups}
-    source = meshio.Mesh(mesh.points, [(kind, nodes) for kind, _, _, nodes in groups], cell_sets=sets)
+    sets = {
+        name: [np.arange(len(nodes) * (name == n)) for *_, n, nodes in groups]
+        for *_, name, _ in groups
+    }
+    source = meshio.Mesh(
+        mesh.points, [(kind, nodes) for kind, _, _, nodes in groups], cell_sets=sets
+    )
     source.write(tmp_path / "a.inp")
     read = read_mesh(tmp_path / "a.inp", 3)
     assert same_facets(read.facets, mesh.facets) and set(read.regions) == {"body", "core"}
@@ -112,8 +163,15 @@ def test_other_format_with_named_cell_sets(tmp_path):
 def test_clockwise_cells_are_reoriented_with_their_midside_nodes(tmp_path, name):
     mesh = MESHES[name]
     vertex = [0, 2, 1, 3][: mesh.dim + 1]
-    flip = {"T3": vertex, "T4": vertex, "T6": [*vertex, 5, 4, 3], "T10": [*vertex, 6, 5, 4, 7, 9, 8]}[name]
-    flipped = [(k, d, n, nodes[:, flip] if d == mesh.dim else nodes) for k, d, n, nodes in blocks(mesh)]
+    flip = {
+        "T3": vertex,
+        "T4": vertex,
+        "T6": [*vertex, 5, 4, 3],
+        "T10": [*vertex, 6, 5, 4, 7, 9, 8],
+    }[name]
+    flipped = [
+        (k, d, n, nodes[:, flip] if d == mesh.dim else nodes) for k, d, n, nodes in blocks(mesh)
+    ]
     write22(tmp_path / "a.msh", mesh.points, flipped)
     read = read_mesh(tmp_path / "a.msh", mesh.dim)
     assert {tuple(nodes) for nodes in read.cells} == {tuple(nodes) for nodes in mesh.cells}
@@ -133,7 +191,9 @@ def test_interior_tagged_facets_are_kept_beside_the_lower_cell(tmp_path):
     interior = mesh.cells[mesh.cell_region == 0][:, [0, 1]]
     interior = interior[(mesh.points[interior, 0] == 1).all(axis=1)]
     interior = interior if len(interior) else mesh.cells[:1, [1, 2]]
-    write22(tmp_path / "a.msh", mesh.points, [("line", 1, "interface", interior[:1]), *blocks(mesh)])
+    write22(
+        tmp_path / "a.msh", mesh.points, [("line", 1, "interface", interior[:1]), *blocks(mesh)]
+    )
     read = read_mesh(tmp_path / "a.msh", 2)
     assert set(read.facets["interface"][0]) == set(interior[0])
 
@@ -165,12 +225,20 @@ def test_missing_and_empty_file(tmp_path):
     refused(tmp_path / "none.msh", 2, "no such mesh file")
     (tmp_path / "empty.msh").touch()
     refused(tmp_path / "empty.msh", 2, "the mesh file is empty")
-    write22(tmp_path / "points.msh", MESHES["T3"].points, [("line", 1, "left", np.empty((0, 2), int))])
+    write22(
+        tmp_path / "points.msh", MESHES["T3"].points, [("line", 1, "left", np.empty((0, 2), int))]
+    )
     refused(tmp_path / "points.msh", 2, "no cells|not readable")
 
 
 @pytest.mark.parametrize(
-    ("name", "text"), [("a.msh", "this is no mesh"), ("a.xyz", "1 2 3"), ("a.vtu", "<x"), ("a.msh", "$MeshFormat\n4.1 0 8\n")]
+    ("name", "text"),
+    [
+        ("a.msh", "this is no mesh"),
+        ("a.xyz", "1 2 3"),
+        ("a.vtu", "<x"),
+        ("a.msh", "$MeshFormat\n4.1 0 8\n"),
+    ],
 )
 def test_unreadable_file_says_so_and_prints_nothing(tmp_path, capfd, name, text):
     (tmp_path / name).write_text(text)
@@ -187,7 +255,19 @@ def test_what_is_no_file_is_not_opened(tmp_path):
         refused(tmp_path / "a.msh", 2, "no permission to read")
 
 
-READ = [".msh", ".vtk", ".vtu", ".xdmf", ".med", ".inp", ".mesh", ".vol", ".su2", ".cgns", ".nothing"]
+READ = [
+    ".msh",
+    ".vtk",
+    ".vtu",
+    ".xdmf",
+    ".med",
+    ".inp",
+    ".mesh",
+    ".vol",
+    ".su2",
+    ".cgns",
+    ".nothing",
+]
 
 
 @pytest.mark.parametrize("suffix", READ)
@@ -209,14 +289,18 @@ def test_formats_without_boundaries_are_not_read(tmp_path, suffix):
     refused(path, 2, "has no named boundaries; give a mesh of cells in named groups")
 
 
-@pytest.mark.parametrize("text", ["", "BEGIN BULK\n", "ENDDATA\nBEGIN BULK\n", "BEGIN BULK\n$ nothing\n"])
+@pytest.mark.parametrize(
+    "text", ["", "BEGIN BULK\n", "ENDDATA\nBEGIN BULK\n", "BEGIN BULK\n$ nothing\n"]
+)
 def test_a_file_of_nastran_that_does_not_end_is_refused(tmp_path, text):
     (tmp_path / "a.bdf").write_text("$ mesh\n" + text)
     refused(tmp_path / "a.bdf", 2, "no ENDDATA follows on the BEGIN BULK")
 
 
 def test_a_file_of_ansys_that_does_not_end_is_refused(tmp_path):
-    (tmp_path / "a.msh").write_text("(0 grid)\n(2 2)\n(10 (0 1 4 0 2))\n(10 (1 1 4 1 2)(\n0 0\n1 0\n1 1\n0 1\n")
+    (tmp_path / "a.msh").write_text(
+        "(0 grid)\n(2 2)\n(10 (0 1 4 0 2))\n(10 (1 1 4 1 2)(\n0 0\n1 0\n1 1\n0 1\n"
+    )
     refused(tmp_path / "a.msh", 2, "not readable as a mesh")
 
 
@@ -234,18 +318,38 @@ def test_truncated_file(tmp_path):
 
 
 def test_wrong_dimension(tmp_path):
-    flat, solid = MESHES["T3"], MESHES["T4"]
-    refused_groups(tmp_path, flat.points, blocks(flat), r"the scene is 3-D but the mesh 2-D \(triangle\)", dim=3)
-    refused_groups(tmp_path, solid.points, blocks(solid), r"the scene is 2-D but the mesh 3-D \(tetra\)", dim=2)
+    flat = MESHES["T3"]
+    solid = MESHES["T4"]
+    refused_groups(
+        tmp_path,
+        flat.points,
+        blocks(flat),
+        r"the scene is 3-D but the mesh 2-D \(triangle\)",
+        dim=3,
+    )
+    refused_groups(
+        tmp_path, solid.points, blocks(solid), r"the scene is 2-D but the mesh 3-D \(tetra\)", dim=2
+    )
 
 
 def test_unsupported_and_mixed_cells(tmp_path):
     points = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1], [2, 0]])
-    quad, triangle = ("quad", 2, "body", np.array([[0, 1, 2, 3]])), ("triangle", 2, "body", np.array([[1, 4, 2]]))
-    refused_groups(tmp_path, points[:4], [quad], "unsupported cells of kind quad; mesh the domain with triangle or triangle6")
+    quad = ("quad", 2, "body", np.array([[0, 1, 2, 3]]))
+    triangle = ("triangle", 2, "body", np.array([[1, 4, 2]]))
+    refused_groups(
+        tmp_path,
+        points[:4],
+        [quad],
+        "unsupported cells of kind quad; mesh the domain with triangle or triangle6",
+    )
     refused_groups(tmp_path, points, [quad, triangle], "unsupported cells of kind quad")
     curved = ("triangle6", 2, "body", np.array([[0, 1, 2, 3, 4, 5]]))
-    refused_groups(tmp_path, np.random.default_rng(0).random((6, 2)), [curved, triangle], "mixed cells of kinds triangle, tri")
+    refused_groups(
+        tmp_path,
+        np.random.default_rng(0).random((6, 2)),
+        [curved, triangle],
+        "mixed cells of kinds triangle, tri",
+    )
 
 
 def test_degenerate_cell_is_named_with_its_vertices(tmp_path):
@@ -253,7 +357,12 @@ def test_degenerate_cell_is_named_with_its_vertices(tmp_path):
     points = mesh.points.copy()
     a, b, c = mesh.cells[0]
     points[c] = (points[a] + points[b]) / 2
-    refused_groups(tmp_path, points, blocks(mesh), r"cell \d+ \(counted from 0\) is degenerate, its vertices are \(0, 0\)")
+    refused_groups(
+        tmp_path,
+        points,
+        blocks(mesh),
+        r"cell \d+ \(counted from 0\) is degenerate, its vertices are \(0, 0\)",
+    )
 
 
 @pytest.mark.parametrize("name", ["T6", "T10"])
@@ -261,28 +370,58 @@ def test_folded_curved_cell_is_named_with_the_place(tmp_path, name):
     mesh = MESHES[name]
     points = mesh.points.copy()
     a, b = mesh.element.edges[0]
-    points[mesh.cells[0, mesh.dim + 1]] = 0.1 * points[mesh.cells[0, a]] + 0.9 * points[mesh.cells[0, b]]
-    refused_groups(tmp_path, points, blocks(mesh), r"curved cell \d+ .* folded, its Jacobian is -?[\d.e-]+ at \(", dim=mesh.dim)
+    points[mesh.cells[0, mesh.dim + 1]] = (
+        0.1 * points[mesh.cells[0, a]] + 0.9 * points[mesh.cells[0, b]]
+    )
+    refused_groups(
+        tmp_path,
+        points,
+        blocks(mesh),
+        r"curved cell \d+ .* folded, its Jacobian is -?[\d.e-]+ at \(",
+        dim=mesh.dim,
+    )
 
 
 def test_orphan_nodes_are_counted(tmp_path):
     mesh = MESHES["T3"]
     points = np.vstack([mesh.points, [[5.0, 5.0], [6.0, 6.0]]])
-    refused_groups(tmp_path, points, blocks(mesh), rf"2 nodes belong to no cell.* node {len(mesh.points)} .* at \(5, 5\)")
+    refused_groups(
+        tmp_path,
+        points,
+        blocks(mesh),
+        rf"2 nodes belong to no cell.* node {len(mesh.points)} .* at \(5, 5\)",
+    )
 
 
 @pytest.mark.parametrize("write", [write22, write41])
 def test_untagged_boundary_is_located(tmp_path, write):
     mesh = MESHES["T3"]
     groups = [group for group in blocks(mesh) if group[2] != "strip"]
-    refused_groups(tmp_path, mesh.points, groups, r"2 boundary facets have no tag, the first at \(0.\d+, 2\)", write=write)
+    refused_groups(
+        tmp_path,
+        mesh.points,
+        groups,
+        r"2 boundary facets have no tag, the first at \(0.\d+, 2\)",
+        write=write,
+    )
 
 
 def test_cells_without_a_physical_group(tmp_path):
     mesh = MESHES["T3"]
     groups = [(k, d, None if n == "core" else n, c) for k, d, n, c in blocks(mesh)]
-    refused_groups(tmp_path, mesh.points, groups, r"12 of 18 cells have no named physical group, the first is cell \d+")
-    refused_groups(tmp_path, mesh.points, groups, "some elements have no physical group.*SaveAll", write=write41)
+    refused_groups(
+        tmp_path,
+        mesh.points,
+        groups,
+        r"12 of 18 cells have no named physical group, the first is cell \d+",
+    )
+    refused_groups(
+        tmp_path,
+        mesh.points,
+        groups,
+        "some elements have no physical group.*SaveAll",
+        write=write41,
+    )
     nameless = as_meshio(mesh.points, blocks(mesh))
     nameless.field_data = {}
     nameless.write(tmp_path / "b.msh", file_format="gmsh22", binary=False)
@@ -292,15 +431,31 @@ def test_cells_without_a_physical_group(tmp_path):
 def test_facet_with_two_tags(tmp_path):
     mesh = MESHES["T3"]
     doubled = ("line", 1, "second", mesh.facets["strip"][:1, ::-1])
-    refused_groups(tmp_path, mesh.points, [doubled, *blocks(mesh)], r"1 facets carry two tags, .* \('second' and 'strip'\) at \(")
+    refused_groups(
+        tmp_path,
+        mesh.points,
+        [doubled, *blocks(mesh)],
+        r"1 facets carry two tags, .* \('second' and 'strip'\) at \(",
+    )
     groups = [(k, d, ("strip", "lid") if n == "strip" else n, c) for k, d, n, c in blocks(mesh)]
-    refused_groups(tmp_path, mesh.points, groups, r"the line at \(.*\) is in two groups, 'strip' and 'lid'", write=write41)
+    refused_groups(
+        tmp_path,
+        mesh.points,
+        groups,
+        r"the line at \(.*\) is in two groups, 'strip' and 'lid'",
+        write=write41,
+    )
 
 
 def test_facet_of_no_cell_and_doubled_cell(tmp_path):
     mesh = MESHES["T3"]
     stray = ("line", 1, "stray", np.array([[0, len(mesh.points) - 1]]))
-    refused_groups(tmp_path, mesh.points, [*blocks(mesh), stray], r"1 facets of 'stray' belong to no cell, the first at \(1, 1\)")
+    refused_groups(
+        tmp_path,
+        mesh.points,
+        [*blocks(mesh), stray],
+        r"1 facets of 'stray' belong to no cell, the first at \(1, 1\)",
+    )
     twice = ("triangle", 2, "body", np.repeat(mesh.cells[8:9], 2, axis=0))
     refused_groups(tmp_path, mesh.points, [*blocks(mesh), twice], "shared by more than two cells")
 
@@ -311,18 +466,25 @@ def test_bent_plane_mesh_and_infinite_coordinates(tmp_path):
     refused_groups(tmp_path, bent, blocks(mesh), "z coordinates of the 2-D mesh vary from 0 to 2 m")
     broken = mesh.points.copy()
     broken[3, 0] = np.nan
-    refused_groups(tmp_path, broken, blocks(mesh), r"node 3 \(counted from 0\) has the coordinates \(nan,")
+    refused_groups(
+        tmp_path, broken, blocks(mesh), r"node 3 \(counted from 0\) has the coordinates \(nan,"
+    )
 
 
 @pytest.mark.parametrize("node", [10**12, -1])
 def test_facet_with_an_unlisted_node(tmp_path, node):
     """The number of a node is no size of an array: 10^12 asked for a terabyte."""
     mesh = MESHES["T3"]
-    broken = [(k, d, n, np.where(np.arange(len(c))[:, None] == 0, node, c) if n == "left" else c) for k, d, n, c in blocks(mesh)]
+    broken = [
+        (k, d, n, np.where(np.arange(len(c))[:, None] == 0, node, c) if n == "left" else c)
+        for k, d, n, c in blocks(mesh)
+    ]
     source = as_meshio(mesh.points, broken)
     (tmp_path / "a.msh").write_text("$")
     with mock.patch("meshio.read", lambda *_, **__: source):
-        refused(tmp_path / "a.msh", 2, r"facet \d+ \(counted from 0\) has a node missing in the file")
+        refused(
+            tmp_path / "a.msh", 2, r"facet \d+ \(counted from 0\) has a node missing in the file"
+        )
 
 
 def test_cell_with_an_unlisted_node(tmp_path):

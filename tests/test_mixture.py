@@ -1,4 +1,6 @@
-"""The tangents of the monolithic schemes against differences of the residuals of both phases, and what Newton makes of them."""
+"""The tangents of the monolithic schemes against differences of the residuals of both phases, and
+what Newton makes of them.
+"""
 
 import numpy as np
 import pytest
@@ -10,26 +12,35 @@ from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
-OPTIONS = {"Darcy": DARCY, "Brinkman": BRINKMAN, "variable porosity": DARCY + VARIABLE, "Brinkman, variable": BRINKMAN + VARIABLE}
+OPTIONS = {
+    "Darcy": DARCY,
+    "Brinkman": BRINKMAN,
+    "variable porosity": DARCY + VARIABLE,
+    "Brinkman, variable": BRINKMAN + VARIABLE,
+}
 
 
 def residuals(coupling):
     """Return the residuals of u, v_f and p of the trial state, (n_owned, 2 d + 1)."""
     coupling.fluid.follow(coupling.solid.skeleton())
     momentum, volume = coupling.fluid.residual(coupling.solid.skeleton())
-    return np.column_stack([coupling.solid.residual(coupling.fluid.flow()).total, momentum.total, volume.total])
+    return np.column_stack(
+        [coupling.solid.residual(coupling.fluid.flow()).total, momentum.total, volume.total]
+    )
 
 
 def set_unknowns(coupling, values):
     d = coupling.solid.mesh.dim
-    coupling.solid.unknowns, coupling.fluid.unknowns = values[:, :d], values[:, d:]
+    coupling.solid.unknowns = values[:, :d]
+    coupling.fluid.unknowns = values[:, d:]
 
 
 def difference(coupling):
     """Return the derivative of `residuals` by the unknowns on the collocation level, dense."""
     d = coupling.solid.mesh.dim
     base = np.column_stack([coupling.solid.unknowns, coupling.fluid.unknowns]).copy()
-    steps, columns = FD_STEP * np.array([0.02] * d + [0.3] * d + [1e4]), []
+    steps = FD_STEP * np.array([0.02] * d + [0.3] * d + [1e4])
+    columns = []
     for node, component in np.ndindex(base.shape):
         values = []
         for sign in (1, -1):
@@ -46,8 +57,11 @@ def difference(coupling):
 
 
 def in_physical_variables(mixture, matrix, d):
-    """Return the matrix by (y, v, p): without scales, v = w + tie y, and the skeleton's rows without those of the fluid."""
-    n, m = len(matrix) // (2 * d + 1), 2 * d + 1
+    """Return the matrix by (y, v, p): without scales, v = w + tie y, and the skeleton's rows
+    without those of the fluid.
+    """
+    n = len(matrix) // (2 * d + 1)
+    m = 2 * d + 1
     K = matrix.reshape(n, m, n, m) / mixture._rows[:, None, None] / mixture._columns
     tie = np.where(mixture._free_velocity, mixture._tie, 0.0)[:n]
     K[..., :d] -= tie * K[..., d : 2 * d]
@@ -56,18 +70,28 @@ def in_physical_variables(mixture, matrix, d):
 
 
 def block_errors(coupling, rates):
-    """Return the largest error of every block (rows, columns among y, v, p) of the mixture's matrix over its largest entry."""
-    mixture, d = coupling.mixture, coupling.solid.mesh.dim
+    """Return the largest error of every block (rows, columns among y, v, p) of the mixture's matrix
+    over its largest entry.
+    """
+    mixture = coupling.mixture
+    d = coupling.solid.mesh.dim
     expected = difference(coupling)
     mixture.assemble(rates)
-    matrix, free = in_physical_variables(mixture, dense(mixture._matrix.mat), d), ~mixture._mask.ravel()
+    matrix = in_physical_variables(mixture, dense(mixture._matrix.mat), d)
+    free = ~mixture._mask.ravel()
     component = np.tile(np.arange(2 * d + 1), len(free) // (2 * d + 1))
-    fields = {"y": component < d, "v": (component >= d) & (component < 2 * d), "p": component == 2 * d}
+    fields = {
+        "y": component < d,
+        "v": (component >= d) & (component < 2 * d),
+        "p": component == 2 * d,
+    }
     errors = {}
     for row, rows in fields.items():
         for column, columns in fields.items():
             block = np.ix_(np.flatnonzero(free & rows), np.flatnonzero(free & columns))
-            errors[row + column] = np.abs(matrix[block] - expected[block]).max() / np.abs(expected[block]).max()
+            errors[row + column] = (
+                np.abs(matrix[block] - expected[block]).max() / np.abs(expected[block]).max()
+            )
     return errors
 
 
@@ -80,17 +104,28 @@ def test_direct_tangent_is_the_derivative_of_both_residuals(mesh, options):
 
 @pytest.mark.parametrize("mesh, wall", [("T6", ("1", "y")), ("T4", ("2", "z"))])
 def test_direct_tangent_takes_walls_without_slip_along(mesh, wall):
-    boundary = f"boundary.{wall[0]}={{ on = 'bottom', displacement = {{ {wall[1]} = 0.0 }}, no_slip = true }}"
+    boundary = (
+        f"boundary.{wall[0]}={{ on = 'bottom', displacement = {{ {wall[1]} = 0.0 }}, no_slip ="
+        " true }"
+    )
     errors = block_errors(*in_motion(mesh, *BRINKMAN, "coupling.scheme=direct", boundary))
     assert max(errors.values()) < FD_TOLERANCE, errors
 
 
 @pytest.mark.parametrize("moving, wrong", [("false", ()), ("true", ("yy", "vy", "py"))])
 def test_quasi_direct_tangent_lacks_the_moving_mesh_only(moving, wrong):
-    overrides = (*DARCY, "coupling.scheme=quasi_direct", f"model.moving_mesh={moving}", "limits.mesh_displacement=report")
+    overrides = (
+        *DARCY,
+        "coupling.scheme=quasi_direct",
+        f"model.moving_mesh={moving}",
+        "limits.mesh_displacement=report",
+    )
     errors = block_errors(*in_motion("T6", *overrides))
     for block, error in errors.items():
-        assert (error > 100 * FD_TOLERANCE) if block in wrong else (error < FD_TOLERANCE), (block, error)
+        assert (error > 100 * FD_TOLERANCE) if block in wrong else (error < FD_TOLERANCE), (
+            block,
+            error,
+        )
 
 
 LARGE = (
@@ -103,11 +138,14 @@ LARGE = (
 
 
 def newton_histories(mesh, scheme, steps=4):
-    """Return the largest relative residual of every iteration, step by step, of a scene with strains of a tenth."""
+    """Return the largest relative residual of every iteration, step by step, of a scene with
+    strains of a tenth.
+    """
     name, changes = MESHES[mesh]
     scene = load_scene(name, (*changes, *LARGE, f"coupling.scheme={scheme}"))
     coupling = Simulation(scene, MPI.COMM_SELF).coupling
-    clock, histories = Clock(scene.time), []
+    clock = Clock(scene.time)
+    histories = []
     for step in range(steps):
         coupling.step(*clock.next_schemes(scene.model), clock.t, step + 1)
         coupling.accept()
@@ -117,14 +155,18 @@ def newton_histories(mesh, scheme, steps=4):
 
 
 def constants(histories, power):
-    """Return e_{k+1}/e_k^power of all iterations but the first, as long as e_{k+1} is above round-off, 1e-12 of the forces."""
+    """Return e_{k+1}/e_k^power of all iterations but the first, as long as e_{k+1} is above
+    round-off, 1e-12 of the forces.
+    """
     pairs = [pair for history in histories for pair in zip(history[1:], history[2:], strict=False)]
     return [after / before**power for before, after in pairs if after > 1e-12]
 
 
 @pytest.mark.parametrize("mesh", ["T3", "T6"])
 def test_newton_converges_quadratically_at_finite_strain(mesh):
-    """A constant of e_{k+1} <= C e_k²; without the moving mesh the convergence is linear and the constant grows like 1/e_k."""
+    """A constant of e_{k+1} <= C e_k²; without the moving mesh the convergence is linear and the
+    constant grows like 1/e_k.
+    """
     direct, quasi_direct = (newton_histories(mesh, scheme) for scheme in ("direct", "quasi_direct"))
     assert max(constants(direct, 2)) < 1
     assert max(constants(quasi_direct, 2)) > 100

@@ -1,4 +1,6 @@
-"""The partitioned solution is the monolithic one in every shipped scene; restarts, the iterative solver, the pressure's level."""
+"""The partitioned solution is the monolithic one in every shipped scene; restarts, the iterative
+solver, the pressure's level.
+"""
 
 import numpy as np
 import pytest
@@ -14,12 +16,28 @@ from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.simulation import Simulation
 
 TIGHT = ("coupling.tolerance=1e-11", "coupling.max_iterations=100", "coupling.accelerator=anderson")
-# The solutions differ by the tolerance times the condition of a step: the bound leaves a factor of a hundred.
+# The solutions differ by the tolerance times the condition of a step: the bound leaves a factor of
+# a hundred.
 DIFFERENCE = 1e-9
 STEPS = 2
-PULSE = ("mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.end=0.003", "figures.times=[]")
-P2 = ("mesh.order=2", "mesh.x.cells=[3, 2, 3]", "mesh.y.cells=[3]", "time.end=0.002", "figures.times=[]")
-VARIABLE = ("model.porosity=variable", "material.0.permeability={law='markert', k=1e-3, exponent=2.0}")
+PULSE = (
+    "mesh.order=1",
+    "mesh.x.cells=[4, 2, 4]",
+    "mesh.y.cells=[4]",
+    "time.end=0.003",
+    "figures.times=[]",
+)
+P2 = (
+    "mesh.order=2",
+    "mesh.x.cells=[3, 2, 3]",
+    "mesh.y.cells=[3]",
+    "time.end=0.002",
+    "figures.times=[]",
+)
+VARIABLE = (
+    "model.porosity=variable",
+    "material.0.permeability={law='markert', k=1e-3, exponent=2.0}",
+)
 VARIANTS = {
     "quadratic, another law": ("pulse2d", (*P2, "material.0.solid.law=neo_hookean_j2")),
     "variable porosity": ("pulse2d", (*PULSE, *VARIABLE)),
@@ -31,21 +49,28 @@ def shortened(path):
     """Return the changes that leave a few steps of a shipped scene on its coarsest mesh."""
     scene = load_scene(path, smoke=True)
     coarse = [f"{key}={value}" for key, value in scene.smoke.items() if key.startswith("mesh.")]
-    step, steps = scene.time.step, STEPS if coarse else 1
+    step = scene.time.step
+    steps = STEPS if coarse else 1
     end = step * (1 + scene.time.growth) if scene.time.growth > 1 else steps * step
     return (*coarse, f"time.end={min(end, scene.time.end)}", "expect=[]", "figures.times=[]")
 
 
 def is_strong(path):
-    """Return whether a scene asks for the solution of all equations together, which the weak schemes do not have."""
+    """Return whether a scene asks for the solution of all equations together, which the weak
+    schemes do not have.
+    """
     return load_scene(path).coupling.scheme not in ("weak", "one_way")
 
 
-CASES = {name: (str(path), shortened(path)) for name, _, path in list_scenes() if is_strong(path)} | VARIANTS
+CASES = {
+    name: (str(path), shortened(path)) for name, _, path in list_scenes() if is_strong(path)
+} | VARIANTS
 
 
 def end_states(scene, overrides, **schemes):
-    """Return scheme name -> the arrays of the phases after some steps of a scene on this rank alone."""
+    """Return scheme name -> the arrays of the phases after some steps of a scene on this rank
+    alone.
+    """
     start(load_scene(scene).petsc.options)
     states = {}
     for name, changes in schemes.items():
@@ -53,11 +78,17 @@ def end_states(scene, overrides, **schemes):
         coupling = Simulation(loaded, MPI.COMM_SELF).coupling
         clock = Clock(loaded.time)
         while not clock.finished:
-            size, target = clock.next_size(), clock.next_target()
+            size = clock.next_size()
+            target = clock.next_target()
             coupling.step(*clock.schemes(loaded.model, size), clock.t, clock.step + 1)
             coupling.accept()
             clock.advance(size, target)
-        fields = {"u": coupling.solid.u, "v_s": coupling.solid.v, "v_f": coupling.fluid.v, "p": coupling.fluid.p}
+        fields = {
+            "u": coupling.solid.u,
+            "v_s": coupling.solid.v,
+            "v_f": coupling.fluid.v,
+            "p": coupling.fluid.p,
+        }
         states[name] = {key: field.copy() for key, field in fields.items()}
         for block in coupling.blocks.values():
             if block.solver:
@@ -83,16 +114,23 @@ def test_partitioned_solution_is_the_direct_one(case):
 
 def test_quasi_direct_solution_is_the_direct_one():
     pair = {"quasi_direct": ("coupling.scheme=quasi_direct",), "direct": PAIR["direct"]}
-    assert max(largest_differences(end_states(*VARIANTS["variable porosity"], **pair)).values()) < DIFFERENCE
+    assert (
+        max(largest_differences(end_states(*VARIANTS["variable porosity"], **pair)).values())
+        < DIFFERENCE
+    )
 
 
 def test_a_wrong_split_is_detected(monkeypatch):
-    """A loop that ends on residuals of its own, here with one part in a thousand of the drag missing, is another solution."""
+    """A loop that ends on residuals of its own, here with one part in a thousand of the drag
+    missing, is another solution.
+    """
     terms = SolidPhase._flow_terms
 
     def wrong(self, flow):
         correct = terms(self, flow)
-        return correct | {"drag": 0.999 * correct["drag"]} if self._setup.split == "plain" else correct
+        return (
+            correct | {"drag": 0.999 * correct["drag"]} if self._setup.split == "plain" else correct
+        )
 
     monkeypatch.setattr(SolidPhase, "_flow_terms", wrong)
     pair = {"wrong": ("coupling.split=plain",), "direct": PAIR["direct"]}
@@ -108,12 +146,24 @@ def test_a_wrong_split_is_detected(monkeypatch):
     [
         ("pulse2d", PULSE),
         ("column_harmonic", ("mesh.y.cells=[9, 4]",)),
-        ("pulse3d", ("mesh.x.cells=[1, 3]", "mesh.y.cells=[1, 3]", "mesh.z.cells=[4]")),  # iterative
+        (
+            "pulse3d",
+            ("mesh.x.cells=[1, 3]", "mesh.y.cells=[1, 3]", "mesh.z.cells=[4]"),
+        ),  # iterative
     ],
 )
 def test_a_restart_goes_on_identically(tmp_path, scene, overrides, scheme):
-    common = (*overrides, f"coupling.scheme={scheme}", "time.step=1e-3", "output.checkpoint_every=2")
-    for name, end, restart in (("whole", 0.004, None), ("first", 0.002, None), ("second", 0.004, "first")):
+    common = (
+        *overrides,
+        f"coupling.scheme={scheme}",
+        "time.step=1e-3",
+        "output.checkpoint_every=2",
+    )
+    for name, end, restart in (
+        ("whole", 0.004, None),
+        ("first", 0.002, None),
+        ("second", 0.004, "first"),
+    ):
         restart = restart and str(tmp_path / restart / "checkpoint.h5")
         run_here(Job(scene, str(tmp_path / name), (*common, f"time.end={end}"), restart))
     whole, second = (state(tmp_path / name / "checkpoint.h5") for name in ("whole", "second"))
@@ -122,11 +172,13 @@ def test_a_restart_goes_on_identically(tmp_path, scene, overrides, scheme):
         assert np.array_equal(whole[name], second[name]), name
 
 
-# -- the iterative solver -------------------------------------------------------------------------------------------------
+# -- the iterative solver --------------------------------------------------------------------------
 
 
 def solver_iterations(monkeypatch, scene, *overrides):
-    """Return the iterations of every solve of a step by FGMRES around a sweep over the phases, whose blocks are iterative too."""
+    """Return the iterations of every solve of a step by FGMRES around a sweep over the phases,
+    whose blocks are iterative too.
+    """
     start()
     monkeypatch.setattr(setups, "is_direct", lambda mesh: False)
     loaded = load_scene(scene, (*overrides, "coupling.scheme=direct"))
@@ -145,19 +197,28 @@ def test_iterations_are_bounded_under_refinement_at_every_permeability(monkeypat
     for n in (1, 2, 4):
         cells = (f"mesh.x.cells=[{4 * n}, {2 * n}, {4 * n}]", f"mesh.y.cells=[{4 * n}]")
         permeability = f"material.0.permeability.k={k}"
-        assert max(solver_iterations(monkeypatch, "pulse2d", "mesh.order=1", *cells, permeability)) <= 13
+        assert (
+            max(solver_iterations(monkeypatch, "pulse2d", "mesh.order=1", *cells, permeability))
+            <= 13
+        )
     assert max(solver_iterations(monkeypatch, "pulse2d", *P2, permeability)) <= 15
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_iterations_in_three_dimensions(monkeypatch, order):
-    assert max(solver_iterations(monkeypatch, str(SCENES / "block3d.toml"), f"mesh.order={order}")) <= 13
+    assert (
+        max(solver_iterations(monkeypatch, str(SCENES / "block3d.toml"), f"mesh.order={order}"))
+        <= 13
+    )
 
 
 def test_two_ranks_solve_like_one(tmp_path):
     """The solver's tolerance times Newton's last step, against the strain of the first steps."""
     overrides = ("coupling.scheme=direct", "coupling.tolerance=1e-10", "time.end=0.002")
-    jobs = {ranks: Job(str(SCENES / "block3d.toml"), str(tmp_path / str(ranks)), overrides) for ranks in (1, 2)}
+    jobs = {
+        ranks: Job(str(SCENES / "block3d.toml"), str(tmp_path / str(ranks)), overrides)
+        for ranks in (1, 2)
+    }
     run_here(jobs[1])
     run_on(2, [jobs[2]], tmp_path)
     one, two = (history(job.directory) for job in jobs.values())
@@ -166,7 +227,7 @@ def test_two_ranks_solve_like_one(tmp_path):
     assert summary(jobs[2].directory)["linear_iterations"]["mixture"]["max"] <= 13
 
 
-# -- the level of the pressure --------------------------------------------------------------------------------------------
+# -- the level of the pressure ---------------------------------------------------------------------
 
 RIGID = (
     "boundary.2={ on = ['top', 'strip'], displacement = { y = 0.0 } }",
@@ -184,9 +245,16 @@ def test_a_rigid_closed_box_is_refused(tmp_path, scheme):
 
 def test_a_closed_box_under_a_load_has_the_level_of_the_load():
     """Undrained and confined: nothing can move, and the pressure takes the whole load at once."""
-    sides = "{ on = ['left', 'right'], displacement = { x = 0.0 } }, { on = 'bottom', displacement = { y = 0.0 } }"
+    sides = (
+        "{ on = ['left', 'right'], displacement = { x = 0.0 } }, { on = 'bottom', displacement = {"
+        " y = 0.0 } }"
+    )
     closed = f"boundary=[{sides}, {{ on = ['top', 'strip'], traction = {{ y = -1e5 }} }}]"
-    at_once = "time.rho_inf=0.0"  # else the pressure at the end of a step takes some steps to follow a jump
+    at_once = (  # else the pressure at the end of a step takes some steps to follow a jump
+        "time.rho_inf=0.0"
+    )
     for state_of_scheme in end_states("pulse2d", (*PULSE, closed, at_once), **PAIR).values():
-        assert np.abs(state_of_scheme["p"] - 1e5).max() < 1e-6 * 1e5  # the tolerance 1e-11 of the forces times a condition of 1e4
+        assert (
+            np.abs(state_of_scheme["p"] - 1e5).max() < 1e-6 * 1e5
+        )  # the tolerance 1e-11 of the forces times a condition of 1e4
         assert np.abs(state_of_scheme["u"]).max() < 1e-9  # against 5 mm of the drained block

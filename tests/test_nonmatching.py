@@ -1,4 +1,6 @@
-"""Sides of an interface with nodes of their own: interpolation, conservation, and a flap in a mesh of its own."""
+"""Sides of an interface with nodes of their own: interpolation, conservation, and a flap in a mesh
+of its own.
+"""
 
 from functools import cache
 
@@ -38,14 +40,19 @@ def axis(*points, cells):
 
 
 def joined(*meshes):
-    """Return meshes of one element as one, without common nodes; equal names are one region or tag."""
+    """Return meshes of one element as one, without common nodes; equal names are one region or
+    tag.
+    """
     first = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     regions = tuple(dict.fromkeys(name for mesh in meshes for name in mesh.regions))
     facets = {}
     for mesh, shift in zip(meshes, first, strict=False):
         for tag, nodes in mesh.facets.items():
             facets[tag] = np.vstack([*([facets[tag]] if tag in facets else []), nodes + shift])
-    number = [np.array([regions.index(name) for name in mesh.regions])[mesh.cell_region] for mesh in meshes]
+    number = [
+        np.array([regions.index(name) for name in mesh.regions])[mesh.cell_region]
+        for mesh in meshes
+    ]
     cells = np.vstack([mesh.cells + shift for mesh, shift in zip(meshes, first, strict=False)])
     points = np.vstack([mesh.points for mesh in meshes])
     return Mesh(points, cells, meshes[0].element, regions, np.concatenate(number), facets)
@@ -61,20 +68,31 @@ def renamed(mesh, region, **tags):
 
 
 def blocks(dim, order, fluid, solid):
-    """Return a block of fluid on one of solid, with a number of cells along their interface y = 0 or z = 0."""
-    lower, upper = axis(-1.0, 0.0, cells=[1]), axis(0.0, 1.0, cells=[1])
+    """Return a block of fluid on one of solid, with a number of cells along their interface y = 0
+    or z = 0.
+    """
+    lower = axis(-1.0, 0.0, cells=[1])
+    upper = axis(0.0, 1.0, cells=[1])
     if dim == 2:
-        sides = [rectangle(axis(0.0, 1.0, cells=[n]), y, order, "right", (), ()) for n, y in ((fluid, upper), (solid, lower))]
+        sides = [
+            rectangle(axis(0.0, 1.0, cells=[n]), y, order, "right", (), ())
+            for n, y in ((fluid, upper), (solid, lower))
+        ]
     else:
         # cells of different proportions: no diagonals in common
-        x, y = axis(0.0, 1.0, cells=[fluid]), axis(0.0, 2.0, cells=[fluid])
+        x = axis(0.0, 1.0, cells=[fluid])
+        y = axis(0.0, 2.0, cells=[fluid])
         other = axis(0.0, 1.0, cells=[solid]), axis(0.0, 2.0, cells=[solid + 1])
         sides = [box(x, y, upper, order, (), ()), box(*other, lower, order, (), ())]
-    return joined(renamed(sides[0], "fluid", bottom="wet_fluid"), renamed(sides[1], "solid", top="wet_solid"))
+    return joined(
+        renamed(sides[0], "fluid", bottom="wet_fluid"), renamed(sides[1], "solid", top="wet_solid")
+    )
 
 
 def transfer_of(mesh, comm=MPI.COMM_SELF):
-    """Return the local mesh on one rank and the transfer between the tags wet_fluid and wet_solid."""
+    """Return the local mesh on one rank and the transfer between the tags wet_fluid and
+    wet_solid.
+    """
     local = distribute(comm, mesh, np.zeros(len(mesh.points), dtype=int))
     pair = Pair(("wet_fluid",), ("wet_solid",), "scene.toml [interface.0]")
     return local, InterfaceTransfer(local, np.zeros(local.n_local, dtype=bool), [pair])
@@ -86,14 +104,22 @@ def transfer_of_blocks(dim, order, fluid, solid):
     return transfer_of(blocks(dim, order, fluid, solid))
 
 
-CASES = [(dim, order, *cells) for dim in (2, 3) for order in (1, 2) for cells in ((3, 3), (6, 3), (3, 6), (5, 3), (3, 5))]
+CASES = [
+    (dim, order, *cells)
+    for dim in (2, 3)
+    for order in (1, 2)
+    for cells in ((3, 3), (6, 3), (3, 6), (5, 3), (3, 5))
+]
 
 
 @pytest.mark.parametrize("dim, order, fluid, solid", CASES)
 def test_polynomials_of_the_order_of_the_elements_cross_exactly(dim, order, fluid, solid):
-    """Constants (row sums 1), linear and, on quadratic elements, quadratic displacements; the solid's own rows stay."""
+    """Constants (row sums 1), linear and, on quadratic elements, quadratic displacements; the
+    solid's own rows stay.
+    """
     mesh, transfer = transfer_of_blocks(dim, order, fluid, solid)
-    x, y = mesh.X[:, 0], mesh.X[:, dim - 2]
+    x = mesh.X[:, 0]
+    y = mesh.X[:, dim - 2]
     exact = np.column_stack([1 + 0 * x, 3 + 2 * x - y] + [x**2 - x * y + 0.5 * y**2] * (order - 1))
     given = exact.copy()
     given[transfer.fluid_nodes] = 7.0
@@ -105,7 +131,9 @@ def test_polynomials_of_the_order_of_the_elements_cross_exactly(dim, order, flui
 
 @pytest.mark.parametrize("dim, order, fluid, solid", CASES)
 def test_forces_moments_and_work_are_kept(dim, order, fluid, solid):
-    """For any force on the fluid's side and any displacement of the solid; nothing remains on the fluid's side."""
+    """For any force on the fluid's side and any displacement of the solid; nothing remains on the
+    fluid's side.
+    """
     mesh, transfer = transfer_of_blocks(dim, order, fluid, solid)
     random = np.random.default_rng(0)
     u, force = random.normal(size=(2, mesh.n_local, dim))
@@ -114,23 +142,29 @@ def test_forces_moments_and_work_are_kept(dim, order, fluid, solid):
     assert not moved[~transfer.solid_nodes].any() and moved.any()
     scale = np.abs(force).sum()
     assert np.abs(moved.sum(axis=0) - force.sum(axis=0)).max() < ROUND_OFF * scale
-    moments = [np.einsum("ai,aj->ij", mesh.X, f) - np.einsum("aj,ai->ij", mesh.X, f) for f in (moved, force)]
+    moments = [
+        np.einsum("ai,aj->ij", mesh.X, f) - np.einsum("aj,ai->ij", mesh.X, f)
+        for f in (moved, force)
+    ]
     assert np.abs(moments[0] - moments[1]).max() < ROUND_OFF * scale
     assert abs(np.vdot(moved, u) - np.vdot(force, transfer.to_fluid(u))) < ROUND_OFF * scale
 
 
 @pytest.mark.parametrize("dim, order, fluid, solid", CASES)
 def test_a_constant_traction_stays_one(dim, order, fluid, solid):
-    """The fluid's ∮ N_a t dA becomes the solid's, however much finer that is: exactly where the quadrature is exact.
+    """The fluid's ∮ N_a t dA becomes the solid's, however much finer that is: exactly where the
+    quadrature is exact.
 
-    In the plane where facets are parts of each other; else kinks of the solid's shape functions lie between its points.
+    In the plane where facets are parts of each other; else kinks of the solid's shape functions lie
+    between its points.
     """
     mesh, transfer = transfer_of_blocks(dim, order, fluid, solid)
     loads = {}
     for side in ("fluid", "solid"):
         loads[side] = np.zeros((mesh.n_owned, 1))
         SurfaceLoad(mesh, f"wet_{side}", {0: lambda t, x: np.ones(len(x))}).add_to(loads[side], 0.0)
-    spread, expected = transfer.to_solid(loads["fluid"]), loads["solid"]
+    spread = transfer.to_solid(loads["fluid"])
+    expected = loads["solid"]
     error = np.abs(spread - expected).max() / expected.max()
     print(f"{dim}-D, order {order}, {fluid}:{solid}: largest error of a nodal force {error:.1e}")
     nested = dim == 2 and max(fluid, solid) % min(fluid, solid) == 0
@@ -138,9 +172,12 @@ def test_a_constant_traction_stays_one(dim, order, fluid, solid):
 
 
 def pressure_load(mesh, tag):
-    """Return ∮ N_a n dA, (n_owned, d) [m^(d-1)], on one rank; n by the orientation of the facets."""
+    """Return ∮ N_a n dA, (n_owned, d) [m^(d-1)], on one rank; n by the orientation of the
+    facets.
+    """
     nodes = mesh.facets[tag].nodes
-    load, found = np.zeros((mesh.n_owned, mesh.dim)), pressure_of(mesh.element, nodes, mesh.X[nodes])
+    load = np.zeros((mesh.n_owned, mesh.dim))
+    found = pressure_of(mesh.element, nodes, mesh.X[nodes])
     load[: len(found)] = found
     return load
 
@@ -148,16 +185,24 @@ def pressure_load(mesh, tag):
 @pytest.mark.parametrize("order", (1, 2))
 @pytest.mark.parametrize("fluid, solid", [(1, 2), (2, 1), (1, 3)])
 def test_a_pressure_goes_around_corners(fluid, solid, order):
-    """Its traction jumps there; on each face of the flap it stays what it is, in facets that are parts of each other."""
+    """Its traction jumps there; on each face of the flap it stays what it is, in facets that are
+    parts of each other.
+    """
     mesh, transfer = transfer_of(flap_mesh(fluid, solid, order))
     # both sides are oriented as the fluid's
-    spread, expected = transfer.to_solid(pressure_load(mesh, "wet_fluid")), pressure_load(mesh, "wet_solid")
-    assert np.abs(spread - expected).max() < ROUND_OFF * np.abs(expected).max() and np.abs(expected).min(axis=1).any()
+    spread = transfer.to_solid(pressure_load(mesh, "wet_fluid"))
+    expected = pressure_load(mesh, "wet_solid")
+    assert (
+        np.abs(spread - expected).max() < ROUND_OFF * np.abs(expected).max()
+        and np.abs(expected).min(axis=1).any()
+    )
 
 
 @pytest.mark.parametrize("order", (1, 2))
 def test_curved_sides_meet_up_to_their_sagitta(order):
-    """Points of a circle, and chords or parabolas through others of its points: distances O(h²) and O(h⁴)."""
+    """Points of a circle, and chords or parabolas through others of its points: distances O(h²) and
+    O(h⁴).
+    """
     found = []
     for n in (8, 16, 32):
         angle = np.linspace(0, np.pi / 2, order * n + 1)
@@ -165,9 +210,13 @@ def test_curved_sides_meet_up_to_their_sagitta(order):
         first = order * np.arange(n)
         facets = np.stack([first, first + order, first + 1][: order + 1], axis=1)
         points = np.column_stack([np.cos(t := np.linspace(0.1, 1.5, 37)), np.sin(t)])
-        facet, N, distance = closest_points(ELEMENTS[{1: "T3", 2: "T6"}[order]], nodes[facets], points)
+        facet, N, distance = closest_points(
+            ELEMENTS[{1: "T3", 2: "T6"}[order]], nodes[facets], points
+        )
         reached = np.einsum("pa,pai->pi", N, nodes[facets[facet]])
-        assert np.allclose(np.linalg.norm(points - reached, axis=1), distance, rtol=1e-9, atol=1e-15)
+        assert np.allclose(
+            np.linalg.norm(points - reached, axis=1), distance, rtol=1e-9, atol=1e-15
+        )
         found.append(distance.max())
     rates = np.log2(np.array(found[:-1]) / found[1:])
     print(f"order {order}: distances {found}, rates {rates}")
@@ -175,7 +224,9 @@ def test_curved_sides_meet_up_to_their_sagitta(order):
 
 
 def ring_of_facets(n, order, shift):
-    """Return n facets of the unit circle, (n, Af), from a shift in facets, and their coordinates."""
+    """Return n facets of the unit circle, (n, Af), from a shift in facets, and their
+    coordinates.
+    """
     nodes = order * np.arange(n)[:, None] + np.array([0, order, 1][: order + 1])
     angle = 2 * np.pi * (nodes + order * shift) / (order * n)
     return nodes % (order * n), np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -192,8 +243,11 @@ def pressure_of(element, facets, X):
 @pytest.mark.parametrize("order", (1, 2))
 @pytest.mark.parametrize("ratio", (0.5, 1, 2))
 def test_a_circle_of_other_facets_is_the_same_one(order, ratio):
-    """A rotation crosses to the order of the facets or better, a pressure to the quadrature; the force to round-off."""
-    element, errors = ELEMENTS[{1: "T3", 2: "T6"}[order]], []
+    """A rotation crosses to the order of the facets or better, a pressure to the quadrature; the
+    force to round-off.
+    """
+    element = ELEMENTS[{1: "T3", 2: "T6"}[order]]
+    errors = []
     for n in (16, 32, 64):
         sides = ring_of_facets(int(ratio * n), order, 0.0), ring_of_facets(n, order, 0.37)
         facets, X = zip(*sides, strict=True)
@@ -209,14 +263,21 @@ def test_a_circle_of_other_facets_is_the_same_one(order, ratio):
         assert np.abs(spread.sum(axis=0)).max() < ROUND_OFF
         errors.append(np.abs(projection.project(turned[1]) - turned[0]).max())
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    print(f"order {order}, {ratio} facets to one: errors of a rotation {errors}, rates {rates}, of a pressure {pressure:.1e}")
-    assert pressure < 0.02  # kinks of the solid's shape functions between the points of the quadrature
+    print(
+        f"order {order}, {ratio} facets to one: errors of a rotation {errors}, rates {rates}, of a"
+        f" pressure {pressure:.1e}"
+    )
+    assert (
+        pressure < 0.02
+    )  # kinks of the solid's shape functions between the points of the quadrature
     assert rates.min() > order + 1 - 0.3  # a sagitta, which is O(h²), on linear facets
 
 
 def test_the_closest_point_is_the_minimum_over_all_points():
     """Of a surface of curved triangles, against the smallest distance to a fine sample of it."""
-    mesh = box(axis(0.0, 1.0, cells=[2]), axis(0.0, 1.0, cells=[2]), axis(0.0, 1.0, cells=[1]), 2, (), ())
+    mesh = box(
+        axis(0.0, 1.0, cells=[2]), axis(0.0, 1.0, cells=[2]), axis(0.0, 1.0, cells=[1]), 2, (), ()
+    )
     X = mesh.points[mesh.facets["top"]].copy()
     X[..., 2] += 0.2 * np.sin(3 * X[..., 0]) * np.cos(2 * X[..., 1])
     random = np.random.default_rng(1)
@@ -235,7 +296,10 @@ def test_the_closest_point_is_the_minimum_over_all_points():
 def test_sides_that_are_apart_are_refused():
     mesh = blocks(2, 1, 4, 3)
     mesh.points[mesh.facets["wet_fluid"].ravel(), 1] += 0.05
-    with pytest.raises(InputError, match=r"\[interface\.0\]: a node of 'wet_fluid' at .* is 0\.05 m away from 'wet_solid'") as e:
+    with pytest.raises(
+        InputError,
+        match=r"\[interface\.0\]: a node of 'wet_fluid' at .* is 0\.05 m away from 'wet_solid'",
+    ) as e:
         transfer_of(mesh)
     print(e.value)
     assert "\n" not in str(e.value)
@@ -243,14 +307,21 @@ def test_sides_that_are_apart_are_refused():
 
 @pytest.mark.parametrize("short, other", [("fluid", "solid"), ("solid", "fluid")])
 def test_a_side_without_the_other_is_refused(short, other):
-    """On a part of the interface one side is missing: nodes without a facet, or a surface that nothing wets."""
+    """On a part of the interface one side is missing: nodes without a facet, or a surface that
+    nothing wets.
+    """
     mesh = blocks(2, 1, 4, 4)
     mesh.facets[f"wet_{short}"] = mesh.facets[f"wet_{short}"][:-1]
-    with pytest.raises(InputError, match=f"a node of 'wet_{other}' at .* is 0.25 m away from 'wet_{short}'.*; let both surfaces"):
+    with pytest.raises(
+        InputError,
+        match=(
+            f"a node of 'wet_{other}' at .* is 0.25 m away from 'wet_{short}'.*; let both surfaces"
+        ),
+    ):
         transfer_of(mesh)
 
 
-# -- the flap --------------------------------------------------------------------------------------------------------------
+# -- the flap --------------------------------------------------------------------------------------
 
 
 def shared_mesh(factor, order=1):
@@ -262,7 +333,9 @@ def shared_mesh(factor, order=1):
 
 
 def flap_mesh(fluid, solid, order=1):
-    """Return the mesh of the flap with nodes of its own, each side refined by a factor; the wall under both is "bottom"."""
+    """Return the mesh of the flap with nodes of its own, each side refined by a factor; the wall
+    under both is "bottom".
+    """
     body = region_of(shared_mesh(fluid, order), "body", "wet_fluid")
     return joined(body, region_of(shared_mesh(solid, order), "flap", "wet_solid"))
 
@@ -274,13 +347,23 @@ def region_of(mesh, region, wet):
     facets = {wet if tag == INTERFACE else tag: f for tag, f in mesh.facets.items()}
     own = {tag: f[np.isin(f, nodes).all(axis=1)] for tag, f in facets.items()}
     own = {tag: np.searchsorted(nodes, f) for tag, f in own.items() if len(f)}
-    return Mesh(mesh.points[nodes], number.reshape(cells.shape), mesh.element, (region,), np.zeros(len(cells), int), own)
+    return Mesh(
+        mesh.points[nodes],
+        number.reshape(cells.shape),
+        mesh.element,
+        (region,),
+        np.zeros(len(cells), int),
+        own,
+    )
 
 
 def given(path, mesh):
     """Write a mesh and return the changes that make the scene of the flap read it."""
     write_mesh(path, mesh)
-    return f"mesh={{kind='file', path='{path}', dim=2}}", "interface=[{fluid='wet_fluid', solid='wet_solid'}]"
+    return (
+        f"mesh={{kind='file', path='{path}', dim=2}}",
+        "interface=[{fluid='wet_fluid', solid='wet_solid'}]",
+    )
 
 
 def run(directory, *options):
@@ -297,12 +380,21 @@ def difference(a, b, columns=COLUMNS):
     return {name: largest_difference(a[name], b[name]) for name in columns}
 
 
-@pytest.mark.parametrize("order, options", [(1, ()), (2, ()), (1, ("coupling.scheme=one_way",)), (1, WEAK)])
+@pytest.mark.parametrize(
+    "order, options", [(1, ()), (2, ()), (1, ("coupling.scheme=one_way",)), (1, WEAK)]
+)
 def test_equal_nodes_given_twice_are_the_shared_ones(order, options, tmp_path):
-    """P is the identity then: to the tolerance of the coupling, 1e-10, times a condition of some hundreds."""
+    """P is the identity then: to the tolerance of the coupling, 1e-10, times a condition of some
+    hundreds.
+    """
     changes = *options, f"mesh.order={order}", "time.end=0.05", "coupling.tolerance=1e-10"
     shared = run(tmp_path / "shared", *changes)[1]
-    double = run(tmp_path / "double", *given(tmp_path / "flap.msh", flap_mesh(1, 1, order)), *options, *changes[-2:])[1]
+    double = run(
+        tmp_path / "double",
+        *given(tmp_path / "flap.msh", flap_mesh(1, 1, order)),
+        *options,
+        *changes[-2:],
+    )[1]
     found = difference(double, shared)
     print(found)
     assert max(found.values()) < 1e-7 and np.abs(shared["tip.u_x"]).max() > 1e-4
@@ -322,7 +414,8 @@ def finest(tmp_path_factory):
 def test_both_sides_refined_tend_to_the_common_solution(fluid, solid, finest, tmp_path):
     """Half the element sizes: at most 0.6 of the difference to a fine mesh with common nodes.
 
-    The pressure is singular at the corners of the flap, which leaves the first order; that mesh has 0.6 % of it left.
+    The pressure is singular at the corners of the flap, which leaves the first order; that mesh has
+    0.6 % of it left.
     """
     errors = []
     for level in (1, 2):
@@ -330,15 +423,21 @@ def test_both_sides_refined_tend_to_the_common_solution(fluid, solid, finest, tm
         summary, rows = run(tmp_path / "run", *given(tmp_path / "flap.msh", mesh), *STEPS)
         errors.append({name: abs(rows[name][-1] / finest[name][-1] - 1) for name in COLUMNS[:3]})
         found = ", ".join(f"{name} {error:.3f}" for name, error in errors[-1].items())
-        print(f"{level * fluid}:{level * solid}: errors {found}, {summary['coupling_iterations']['mean']} sweeps")
-        # what one side does the other gets: nothing is lost over the interface but by the tolerance of the sweeps
+        print(
+            f"{level * fluid}:{level * solid}: errors {found},"
+            f" {summary['coupling_iterations']['mean']} sweeps"
+        )
+        # what one side does the other gets: nothing is lost over the interface but by the tolerance
+        # of the sweeps
         assert summary["energy"]["balance_error_relative"] < 1e-7
     coarse, fine = (error["tip.u_x"] for error in errors)
     assert fine < 0.6 * coarse and fine < 0.1
 
 
 def column(fluid, solid):
-    """Return a 3-D column of fluid on one of solid, between slip walls, with cells across on each side."""
+    """Return a 3-D column of fluid on one of solid, between slip walls, with cells across on each
+    side.
+    """
     walls = {side: "walls" for side in ("left", "right", "front", "back")}
     across = {n: axis(0.0, 1.0, cells=[n]) for n in (fluid, solid)}
     upper = box(across[fluid], across[fluid], axis(0.0, 1.0, cells=[2]), 1, (), ())
@@ -352,13 +451,30 @@ def column(fluid, solid):
 
 @pytest.mark.parametrize("fluid, solid", [(4, 2), (2, 4)])
 def test_a_column_in_space_moves_as_one(fluid, solid, tmp_path):
-    """Without inertia a load on the fluid strains the solid evenly, whatever the facets: as with equal nodes, up to 1e-10."""
+    """Without inertia a load on the fluid strains the solid evenly, whatever the facets: as with
+    equal nodes, up to 1e-10.
+    """
     walls = "{on='walls', velocity={x=0, y=0}, displacement={x=0, y=0}}"
-    boundary = f"boundary=[{walls}, {{on='lid', traction={{z='-500*t'}}}}, {{on='base', displacement={{x=0, y=0, z=0}}}}]"
-    probe = "probe=[{name='A', at=[0.5, 0.5, 0], quantities=['u_z', 'p']}, {name='B', at=[0.1, 0.2, 0], quantities=['u_z']}]"
-    direct = " ".join(f"-{block}_ksp_type preonly -{block}_pc_type lu" for block in ("fluid", "solid", "mesh"))
+    boundary = (
+        f"boundary=[{walls}, {{on='lid', traction={{z='-500*t'}}}}, {{on='base',"
+        " displacement={x=0, y=0, z=0}}]"
+    )
+    probe = (
+        "probe=[{name='A', at=[0.5, 0.5, 0], quantities=['u_z', 'p']}, {name='B', at=[0.1, 0.2, 0],"
+        " quantities=['u_z']}]"
+    )
+    direct = " ".join(
+        f"-{block}_ksp_type preonly -{block}_pc_type lu" for block in ("fluid", "solid", "mesh")
+    )
     still = "model.solid_inertia=false", "model.fluid_inertia=false", "limits.inertia=report"
-    changes = boundary, probe, *still, "time.end=0.03", "coupling.tolerance=1e-10", f"petsc.options={direct}"
+    changes = (
+        boundary,
+        probe,
+        *still,
+        "time.end=0.03",
+        "coupling.tolerance=1e-10",
+        f"petsc.options={direct}",
+    )
     rows = {}
     for mesh in ((2, 2), (fluid, solid)):
         read, tags = given(tmp_path / "column.msh", column(*mesh))
@@ -370,19 +486,29 @@ def test_a_column_in_space_moves_as_one(fluid, solid, tmp_path):
 
 @pytest.mark.parametrize("order", (1, 2))
 def test_the_initial_state_crosses_too(order, tmp_path):
-    """A sheared flap, with a velocity: the fluid's side of the interface starts there, its mesh follows."""
+    """A sheared flap, with a velocity: the fluid's side of the interface starts there, its mesh
+    follows.
+    """
     start()
     initial = "initial={displacement={x='0.1*y', y=0}, solid_velocity={x='2*y'}}"
     scene = load_scene(FLAP, (*given(tmp_path / "flap.msh", flap_mesh(3, 2, order)), initial))
     medium = Simulation(scene, MPI.COMM_SELF).coupling
-    mesh, here = medium.solid.mesh, medium.fluid._setup.no_slip
-    assert here.sum() == order * 3 * 10 + 1  # 4 + 2 + 4 facets of the flap, cut in three, of some nodes each
+    mesh = medium.solid.mesh
+    here = medium.fluid._setup.no_slip
+    assert (
+        here.sum() == order * 3 * 10 + 1
+    )  # 4 + 2 + 4 facets of the flap, cut in three, of some nodes each
     for field, slope in ((medium.motion.u, 0.1), (medium.motion.v, 2.0), (medium.fluid.v, 2.0)):
         assert np.abs(field[here, 0] - slope * mesh.X[here, 1]).max() < ROUND_OFF * slope
     assert medium.motion.accepted_skeleton().configuration.J.min() > 0.5
 
 
-SHORT = ("coupling.tolerance=1e-10", "time.end=0.04", "output.checkpoint_every=2", "material.0.fluid.density=200.0")
+SHORT = (
+    "coupling.tolerance=1e-10",
+    "time.end=0.04",
+    "output.checkpoint_every=2",
+    "material.0.fluid.density=200.0",
+)
 
 
 def test_a_run_continued_in_its_middle_is_the_whole_one(tmp_path):
@@ -390,29 +516,41 @@ def test_a_run_continued_in_its_middle_is_the_whole_one(tmp_path):
     changes = *given(tmp_path / "flap.msh", flap_mesh(3, 2)), *SHORT
     run(tmp_path / "whole", *changes)
     run(tmp_path / "half", *changes, "time.end=0.02")
-    run_here(Job(FLAP, str(tmp_path / "half"), changes, restart=str(tmp_path / "half/checkpoint.h5")))
-    assert (tmp_path / "whole/history.csv").read_text() == (tmp_path / "half/history.csv").read_text()
+    run_here(
+        Job(FLAP, str(tmp_path / "half"), changes, restart=str(tmp_path / "half/checkpoint.h5"))
+    )
+    assert (tmp_path / "whole/history.csv").read_text() == (
+        tmp_path / "half/history.csv"
+    ).read_text()
     expected, computed = (state(tmp_path / name / "checkpoint.h5") for name in ("whole", "half"))
     assert [name for name in expected if not np.array_equal(expected[name], computed[name])] == []
 
 
 @needs_mpirun
 def test_ranks_do_not_matter(tmp_path):
-    """Facets and nodes of the two sides are on different ranks; the solvers differ by round-off, the sweeps end at 1e-10."""
+    """Facets and nodes of the two sides are on different ranks; the solvers differ by round-off,
+    the sweeps end at 1e-10.
+    """
     changes = *given(tmp_path / "flap.msh", flap_mesh(1, 2)), *SHORT, "time.end=0.02"
     run(tmp_path / "1", *changes)
-    expected, arrays = history(tmp_path / "1"), state(tmp_path / "1/checkpoint.h5")
+    expected = history(tmp_path / "1")
+    arrays = state(tmp_path / "1/checkpoint.h5")
     for ranks in (2, 3):
         run_on(ranks, [Job(FLAP, str(tmp_path / str(ranks)), changes)], tmp_path)
-        rows, others = history(tmp_path / str(ranks)), state(tmp_path / str(ranks) / "checkpoint.h5")
-        fields = [name for name in arrays if "tangent" not in name and not name.startswith("accelerator")]
-        found = difference(rows, expected) | {name: largest_difference(others[name], arrays[name]) for name in fields}
+        rows = history(tmp_path / str(ranks))
+        others = state(tmp_path / str(ranks) / "checkpoint.h5")
+        fields = [
+            name for name in arrays if "tangent" not in name and not name.startswith("accelerator")
+        ]
+        found = difference(rows, expected) | {
+            name: largest_difference(others[name], arrays[name]) for name in fields
+        }
         worst = max(found, key=found.get)
         print(f"{ranks} ranks: largest difference {found[worst]:.1e} in {worst}")
         assert found[worst] < 1e-7
 
 
-# -- wrong input -----------------------------------------------------------------------------------------------------------
+# -- wrong input -----------------------------------------------------------------------------------
 
 
 def sides(fluid="wet_fluid", solid="wet_solid"):
@@ -423,43 +561,86 @@ def sides(fluid="wet_fluid", solid="wet_solid"):
 ONLY_FLUID = "material=[{region='all', fluid={density=1e3, viscosity=1.0}}]"
 # changes -> what the sentence says
 WRONG = {
-    "unknown tag": ([sides("lid")], r"\[interface\.0\.fluid\]: the mesh has no boundary tag 'lid'; choose from bottom, left, "),
+    "unknown tag": (
+        [sides("lid")],
+        r"\[interface\.0\.fluid\]: the mesh has no boundary tag 'lid'; choose from bottom, left, ",
+    ),
     "wrong side": (
         [sides("wet_solid", "wet_fluid")],
-        r"\[interface\.0\.fluid\]: tag 'wet_solid' is on solid, expected a surface of the fluid alone",
+        (
+            r"\[interface\.0\.fluid\]: tag 'wet_solid' is on solid, expected a surface of the fluid"
+            r" alone"
+        ),
     ),
     "a surface of both": (
         [sides("wet_fluid", "bottom"), "boundary=[{on=['left', 'right', 'top', 'wet_solid']}]"],
-        r"\[interface\.0\.solid\]: tag 'bottom' is on fluid and solid, expected a surface of the solid alone",
+        (
+            r"\[interface\.0\.solid\]: tag 'bottom' is on fluid and solid, expected a surface of"
+            r" the solid alone"
+        ),
     ),
     "not the other side": (
-        [sides("right"), "boundary=[{on=['left', 'top', 'bottom', 'wet_fluid'], velocity={x=0, y=0}}]"],
-        r"\[interface\.0\]: a node of 'right' at \(1\.2, .*\) m is 0\.\d+ m away from 'wet_solid', expected at most 0\.1 of",
+        [
+            sides("right"),
+            "boundary=[{on=['left', 'top', 'bottom', 'wet_fluid'], velocity={x=0, y=0}}]",
+        ],
+        (
+            r"\[interface\.0\]: a node of 'right' at \(1\.2, .*\) m is 0\.\d+ m away from"
+            r" 'wet_solid', expected at most 0\.1 of"
+        ),
     ),
     "one surface twice": (
         ["interface=[{fluid='wet_fluid', solid='wet_solid'}, {fluid='wet_fluid', solid='top'}]"],
-        r"\[interface\.1\.fluid\]: received 'wet_fluid', which interface\.0\.fluid has already, expected each surface once",
+        (
+            r"\[interface\.1\.fluid\]: received 'wet_fluid', which interface\.0\.fluid has already,"
+            r" expected each surface once"
+        ),
     ),
     "a condition on a side": (
         ["boundary=[{on=['left', 'right', 'top', 'bottom']}, {on='wet_fluid', velocity={x=0}}]"],
-        r"\[boundary\.1\.on\]: tag 'wet_fluid' is a side of an interface, where solid and fluid set the conditions; remove it",
+        (
+            r"\[boundary\.1\.on\]: tag 'wet_fluid' is a side of an interface, where solid and fluid"
+            r" set the conditions; remove it"
+        ),
     ),
     "a force on the solid": (
         ["force=[{name='F', on='wet_solid'}]"],
-        r"\[force\.0\.on\]: tag 'wet_solid' is on the solid's side of an interface, expected the fluid's, whose force it is",
+        (
+            r"\[force\.0\.on\]: tag 'wet_solid' is on the solid's side of an interface, expected"
+            r" the fluid's, whose force it is"
+        ),
     ),
     "monolithic": (
         ["coupling.scheme=direct"],
-        r"\[coupling\.scheme\]: received 'direct' with \[\[interface\]\], expected 'partitioned', 'weak' or 'one_way', or a mesh",
+        (
+            r"\[coupling\.scheme\]: received 'direct' with \[\[interface\]\], expected"
+            r" 'partitioned', 'weak' or 'one_way', or a mesh"
+        ),
     ),
     "Robin": (
         ["coupling.interface=robin_neumann"],
-        r"\[coupling\.interface\]: received 'robin_neumann' with \[\[interface\]\], expected 'dirichlet_neumann', or a mesh",
+        (
+            r"\[coupling\.interface\]: received 'robin_neumann' with \[\[interface\]\], expected"
+            r" 'dirichlet_neumann', or a mesh"
+        ),
     ),
-    "no solid": ([ONLY_FLUID], r"\[interface\.0\]: received two surfaces without such materials, expected a free fluid and a"),
+    "no solid": (
+        [ONLY_FLUID],
+        (
+            r"\[interface\.0\]: received two surfaces without such materials, expected a free fluid"
+            r" and a"
+        ),
+    ),
     "no interface": (
-        ["interface=[]", "boundary=[{on=['left', 'right', 'top', 'bottom', 'wet_fluid', 'wet_solid']}]", "force=[]"],
-        r"\[\[material\]\]: the regions of solid and fluid have no surface in common; give them common nodes there, or an \[\[",
+        [
+            "interface=[]",
+            "boundary=[{on=['left', 'right', 'top', 'bottom', 'wet_fluid', 'wet_solid']}]",
+            "force=[]",
+        ],
+        (
+            r"\[\[material\]\]: the regions of solid and fluid have no surface in common; give them"
+            r" common nodes there, or an \[\["
+        ),
     ),
 }
 
@@ -476,7 +657,12 @@ def test_wrong_input_is_one_sentence(case, tmp_path):
 
 def test_a_surface_with_common_nodes_is_no_side(tmp_path):
     start()
-    with pytest.raises(InputError, match=r"\[interface\.0\.fluid\]: tag 'wet' lies inside of the mesh, expected its boundary; "):
+    with pytest.raises(
+        InputError,
+        match=(
+            r"\[interface\.0\.fluid\]: tag 'wet' lies inside of the mesh, expected its boundary; "
+        ),
+    ):
         mesh = shared_mesh(1)
         mesh.facets["wet"] = mesh.facets.pop(INTERFACE)
         check(load_scene(FLAP, (*given(tmp_path / "flap.msh", mesh), sides("wet", "bottom"))))

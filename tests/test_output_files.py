@@ -1,4 +1,6 @@
-"""History, summary, expectations and progress: files that survive a kill, sentences for wrong input."""
+"""History, summary, expectations and progress: files that survive a kill, sentences for wrong
+input.
+"""
 
 import io
 import json
@@ -17,7 +19,12 @@ from porofsi_petsc.output.files import on_root, write_text
 from porofsi_petsc.output.history import History, read_history
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.period import Oscillation, Period
-from porofsi_petsc.output.summary import SUMMARY_KEYS, check_summary, summary_documentation, write_summary
+from porofsi_petsc.output.summary import (
+    SUMMARY_KEYS,
+    check_summary,
+    summary_documentation,
+    write_summary,
+)
 
 COMM = MPI.COMM_SELF
 COLUMNS = ["A.u_x", "B.p"]
@@ -55,7 +62,9 @@ def test_resumed_history_is_that_of_an_uninterrupted_run(tmp_path):
     resumed = History.resume(tmp_path, COLUMNS, COMM, 0.1 * 3)
     for row in (4, 5):
         resumed.append(0.1 * row, [1 / 3 * row, -1e5 * row], row)
-    assert (tmp_path / "history.csv").read_bytes() == (tmp_path / "whole" / "history.csv").read_bytes()
+    assert (tmp_path / "history.csv").read_bytes() == (
+        tmp_path / "whole" / "history.csv"
+    ).read_bytes()
 
 
 def test_resume_without_history_starts_one(tmp_path):
@@ -65,7 +74,9 @@ def test_resume_without_history_starts_one(tmp_path):
 
 def test_resume_refuses_other_columns(tmp_path):
     history_with(tmp_path, 1).close()
-    with pytest.raises(InputError, match="received the columns 't,A.u_x,B.p,coupling_iterations', expected 't,C.p"):
+    with pytest.raises(
+        InputError, match="received the columns 't,A.u_x,B.p,coupling_iterations', expected 't,C.p"
+    ):
         History.resume(tmp_path, ["C.p"], COMM, 1.0)
 
 
@@ -108,18 +119,43 @@ def full_summary():
         for level in levels:
             table = table.setdefault(level, {})
         table[last] = 1.5
-    record = {"quantity": "A.u_y", "value": 1.0, "reference": 1.1, "error": 0.1, "passed": False, "reason": None}
-    lists = {"expectations": [record, {**record, "passed": None, "reason": "too short"}], "files": ["history.csv"]}
-    return summary | lists | {"neglected": {"convection": {"value": 0.1, "bound": None, "meaning": "…"}}, "steps": np.int64(3)}
+    record = {
+        "quantity": "A.u_y",
+        "value": 1.0,
+        "reference": 1.1,
+        "error": 0.1,
+        "passed": False,
+        "reason": None,
+    }
+    lists = {
+        "expectations": [record, {**record, "passed": None, "reason": "too short"}],
+        "files": ["history.csv"],
+    }
+    return (
+        summary
+        | lists
+        | {
+            "neglected": {"convection": {"value": 0.1, "bound": None, "meaning": "…"}},
+            "steps": np.int64(3),
+        }
+    )
 
 
 def test_summary_is_written_in_the_documented_order(tmp_path):
     write_summary(tmp_path, full_summary())
     written = json.loads((tmp_path / "summary.json").read_text())
-    assert list(written)[:3] == ["scene", "title", "version"] and list(written["wall_time"])[-1] == "total"
+    assert (
+        list(written)[:3] == ["scene", "title", "version"]
+        and list(written["wall_time"])[-1] == "total"
+    )
     assert written["steps"] == 3 and written["neglected"]["convection"]["bound"] is None
     text = describe(tmp_path / "summary.json")
-    assert "wall_time.total" in text and "1.5 s" in text and "FAILED" in text and "skipped: too short" in text
+    assert (
+        "wall_time.total" in text
+        and "1.5 s" in text
+        and "FAILED" in text
+        and "skipped: too short" in text
+    )
 
 
 def test_summary_refuses_missing_and_undocumented_keys():
@@ -138,7 +174,14 @@ def test_documentation_of_the_summary_is_current():
 
 
 def expectation(**changes):
-    values = {"quantity": "B.p", "minus": None, "at": None, "since": None, "statistic": None, "value": 1.5}
+    values = {
+        "quantity": "B.p",
+        "minus": None,
+        "at": None,
+        "since": None,
+        "statistic": None,
+        "value": 1.5,
+    }
     values |= {"tolerance": 0.01, "scale": None, "source": "x"}
     return SimpleNamespace(**(values | changes))
 
@@ -161,25 +204,36 @@ HISTORY = {"t": np.array([0.0, 1.0, 2.0]), "B.p": np.array([0.0, 2.0, -3.0])}
 )
 def test_expectation_compares_relative_to_its_scale(changes, value, error, passed):
     (record,) = evaluate([expectation(**changes)], [HISTORY])
-    assert record["value"] == pytest.approx(value) and record["error"] == pytest.approx(error) and record["passed"] is passed
+    assert (
+        record["value"] == pytest.approx(value)
+        and record["error"] == pytest.approx(error)
+        and record["passed"] is passed
+    )
     assert bool(failed([record])) is not passed
 
 
 def test_an_expectation_may_be_of_a_difference_of_two_columns():
     history = HISTORY | {"C.p": np.array([1.0, 1.0, 1.0])}
     (record,) = evaluate([expectation(minus="C.p", statistic="final", value=-4.0)], [history])
-    assert record["value"] == -4.0 and record["passed"] is True and record["quantity"] == "B.p - C.p"
+    assert (
+        record["value"] == -4.0 and record["passed"] is True and record["quantity"] == "B.p - C.p"
+    )
 
 
-PERIOD = Period(0.5, 1.5, 0.01, {"B.p": Oscillation(-1.0, 2.0, 5.46), "A.u": Oscillation(3.0, 0.0, None)})
+PERIOD = Period(
+    0.5, 1.5, 0.01, {"B.p": Oscillation(-1.0, 2.0, 5.46), "A.u": Oscillation(3.0, 0.0, None)}
+)
 
 
 @pytest.mark.parametrize(
-    ("statistic", "value"), [("period_mean", -1.0), ("period_amplitude", 2.0), ("period_max", 1.0), ("frequency", 5.46)]
+    ("statistic", "value"),
+    [("period_mean", -1.0), ("period_amplitude", 2.0), ("period_max", 1.0), ("frequency", 5.46)],
 )
 def test_periodic_expectation_is_of_the_last_period(statistic, value):
     wrong = expectation(statistic=statistic, value=value * 1.1)
-    right, missed = evaluate([expectation(statistic=statistic, value=value), wrong], [HISTORY], period=PERIOD)
+    right, missed = evaluate(
+        [expectation(statistic=statistic, value=value), wrong], [HISTORY], period=PERIOD
+    )
     assert right["value"] == value and right["passed"] is True
     assert missed["error"] == pytest.approx(0.1 / 1.1) and failed([right, missed]) == [missed]
 
@@ -194,7 +248,9 @@ def test_periodic_expectation_is_of_the_last_period(statistic, value):
 )
 def test_periodic_expectation_without_a_period_is_skipped(quantity, complete, period, reason):
     history = HISTORY | {"A.u": np.full(3, 3.0)}
-    (record,) = evaluate([expectation(quantity=quantity, statistic="frequency")], [history], complete, period)
+    (record,) = evaluate(
+        [expectation(quantity=quantity, statistic="frequency")], [history], complete, period
+    )
     assert (record["passed"], record["value"], record["reason"]) == (None, None, reason)
 
 

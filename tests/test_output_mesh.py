@@ -72,7 +72,9 @@ def test_fields_open_in_meshio(name, tmp_path):
         time, point_data, cell_data = reader.read_data(1)
         assert reader.num_steps == 2
     assert time == 0.1 and cells[0].type == MESHIO[name]
-    assert np.array_equal(cells[0].data, serial.cells) and np.array_equal(points[:, : serial.dim], serial.points)
+    assert np.array_equal(cells[0].data, serial.cells) and np.array_equal(
+        points[:, : serial.dim], serial.points
+    )
     assert np.array_equal(point_data["pressure"], 0.1 * serial.points[:, 0])
     assert np.array_equal(point_data["displacement"][:, : serial.dim], 0.1 * serial.points**2)
     assert point_data["displacement"].shape[1] == 3 and point_data["stress"].shape[1] == 6
@@ -105,23 +107,31 @@ def test_fields_refuse_other_numbers_of_components(tmp_path):
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_probes_interpolate_on_curved_elements(name):
     mesh = local_mesh(name)
-    inside, centre = np.array([1.37, 0.61, 0.23][: mesh.dim]), mesh.X[mesh.cells[3]].mean(axis=0)
+    inside = np.array([1.37, 0.61, 0.23][: mesh.dim])
+    centre = mesh.X[mesh.cells[3]].mean(axis=0)
     points = [np.full(mesh.dim, 0.5), np.zeros(mesh.dim), inside, centre]
     probes = Probes(mesh, [(f"P{i}", point) for i, point in enumerate(points)])
-    linear = np.hstack([mesh.X, mesh.X @ np.arange(1.0, mesh.dim + 1)[:, None]])  # isoparametric elements keep linear fields
+    linear = np.hstack(
+        [mesh.X, mesh.X @ np.arange(1.0, mesh.dim + 1)[:, None]]
+    )  # isoparametric elements keep linear fields
     expected = np.hstack([points, np.array(points) @ np.arange(1.0, mesh.dim + 1)[:, None]])
     assert np.allclose(probes.evaluate(linear), expected, rtol=0, atol=1e-12)
 
 
 def test_probe_outside_of_the_mesh_is_refused():
-    with pytest.raises(InputError, match=r"\[\[probe\]\] 'A': at = \[2.5, 1\] lies outside of the mesh.*\[0, 2\] x \[0, 1\] m"):
+    with pytest.raises(
+        InputError,
+        match=r"\[\[probe\]\] 'A': at = \[2.5, 1\] lies outside of the mesh.*\[0, 2\] x \[0, 1\] m",
+    ):
         Probes(local_mesh("T3"), [("B", [1.0, 1.0]), ("A", [2.5, 1.0])])
     with pytest.raises(InputError, match=r"at = \[2.0000001, 1\] lies outside"):
         Probes(local_mesh("T3"), [("A", [2.0000001, 1.0])])
 
 
 def test_a_probe_a_little_outside_is_shown_with_all_its_digits():
-    with pytest.raises(InputError, match=r"at = \[2.0000001, 1\] lies outside of the mesh.*\[0, 2\] x \[0, 1\] m"):
+    with pytest.raises(
+        InputError, match=r"at = \[2.0000001, 1\] lies outside of the mesh.*\[0, 2\] x \[0, 1\] m"
+    ):
         Probes(local_mesh("T3"), [("A", [2.0000001, 1.0])])
 
 
@@ -131,10 +141,20 @@ def test_no_probes_give_no_values():
 
 def arrays_of(mesh):
     X = mesh.X[: mesh.n_owned]
-    return {"u": np.sqrt(X), "history": X[:, 0] / 3, "plastic": np.tile(X[:, :1, None], (1, 3, 3)), "flag": X[:, 0] > 1}
+    return {
+        "u": np.sqrt(X),
+        "history": X[:, 0] / 3,
+        "plastic": np.tile(X[:, :1, None], (1, 3, 3)),
+        "flag": X[:, 0] > 1,
+    }
 
 
-HEADER = {"scene": 'title = "block"\n' + "# long\n" * 20000, "step": np.int64(7), "time": 0.1 + 0.2, "omega": [1 / 3]}
+HEADER = {
+    "scene": 'title = "block"\n' + "# long\n" * 20000,
+    "step": np.int64(7),
+    "time": 0.1 + 0.2,
+    "omega": [1 / 3],
+}
 
 
 def restored(path, mesh):
@@ -152,7 +172,12 @@ def test_checkpoint_returns_every_bit(tmp_path):
     for name, array in arrays_of(mesh).items():
         assert arrays[name].dtype == array.dtype and np.array_equal(arrays[name], array)
     text = describe(tmp_path / "checkpoint.h5")
-    assert mesh.hash in text and "block" in text and "0.30000000000000004 s" in text and "array plastic" in text
+    assert (
+        mesh.hash in text
+        and "block" in text
+        and "0.30000000000000004 s" in text
+        and "array plastic" in text
+    )
 
 
 def test_the_last_two_checkpoints_are_kept(tmp_path):
@@ -191,7 +216,9 @@ def spoil(path, kind):
             file["x"] = np.zeros(3)
     if kind == "newer":
         with h5py.File(path, "a") as file:
-            file.attrs["header"] = json.dumps({**json.loads(file.attrs["header"]), "format_version": 99})
+            file.attrs["header"] = json.dumps(
+                {**json.loads(file.attrs["header"]), "format_version": 99}
+            )
         seal(path, COMM)
     if kind == "unreadable":
         path.unlink()
@@ -203,11 +230,20 @@ def spoil(path, kind):
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        ("truncated", "truncated or damaged, its checksum is not that of its content; .*checkpoint.previous.h5 is sound"),
+        (
+            "truncated",
+            (
+                "truncated or damaged, its checksum is not that of its content;"
+                " .*checkpoint.previous.h5 is sound"
+            ),
+        ),
         ("text", "not an HDF5 file, .*checkpoint.previous.h5 is sound"),
         ("foreign", "an HDF5 file, but not a checkpoint .*checkpoint.previous.h5 is sound"),
         ("newer", "received checkpoint format 99, expected at most 2: a newer porofsi wrote it"),
-        ("absent", "no such file, expected a checkpoint; .*checkpoint.previous.h5 is sound, give that"),
+        (
+            "absent",
+            "no such file, expected a checkpoint; .*checkpoint.previous.h5 is sound, give that",
+        ),
         ("unreadable", "not an HDF5 file|could not be read"),
     ],
 )
@@ -221,7 +257,8 @@ def test_checkpoint_that_cannot_be_used_is_one_sentence(kind, sentence, tmp_path
 
 
 def test_checkpoint_of_another_mesh_states_both(tmp_path):
-    mesh, other = local_mesh("T3"), local_mesh("T6")
+    mesh = local_mesh("T3")
+    other = local_mesh("T6")
     write_checkpoint(tmp_path, mesh, {}, arrays_of(mesh))
     with pytest.raises(InputError, match=f"received mesh hash {mesh.hash}, expected {other.hash}"):
         restored(tmp_path / "checkpoint.h5", other)
@@ -236,7 +273,9 @@ def write_results(directory, name, n_steps=4):
         writer.write(step, 0.1 * step, fields_of(mesh, 1e-4 * step))
         history.append(0.1 * step, [1e-3 * step, 1e-5 * step**2, -1e5 * step], 3)
     history.close()
-    (directory / "scene.toml").write_text('title = "x"\n[figures]\ntimes = [0.1, 0.32]\npaths = ["A"]\n')
+    (directory / "scene.toml").write_text(
+        'title = "x"\n[figures]\ntimes = [0.1, 0.32]\npaths = ["A"]\n'
+    )
     return mesh
 
 
@@ -245,17 +284,29 @@ def test_figures_are_made_from_the_files(name, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "DPI", 40)
     write_results(tmp_path, name)
     written = make_figures(tmp_path)
-    assert [path.name for path in written] == ["pressure.png", "displacement.png", "histories.png", "paths.png"]
+    assert [path.name for path in written] == [
+        "pressure.png",
+        "displacement.png",
+        "histories.png",
+        "paths.png",
+    ]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in written)
     assert not list(tmp_path.glob("*.tmp"))
 
 
-SOLID, FLUID = "solid = { density = 1.0 }", "fluid = { density = 1.0 }"
+SOLID = "solid = { density = 1.0 }"
+FLUID = "fluid = { density = 1.0 }"
 PICTURES = {
-    "fluid and solid": ((FLUID, SOLID), {"pressure": "left", "velocity": "left", "displacement": "right"}),
+    "fluid and solid": (
+        (FLUID, SOLID),
+        {"pressure": "left", "velocity": "left", "displacement": "right"},
+    ),
     "fluid": ((FLUID, FLUID), {"pressure": "both", "velocity": "both"}),
     "solid": ((SOLID, SOLID), {"displacement": "both"}),
-    "fluid and porous": ((FLUID, f"{FLUID}\n{SOLID}"), {"pressure": "both", "velocity": "left", "displacement": "right"}),
+    "fluid and porous": (
+        (FLUID, f"{FLUID}\n{SOLID}"),
+        {"pressure": "both", "velocity": "left", "displacement": "right"},
+    ),
     "porous": ((f"{FLUID}\n{SOLID}",) * 2, {"pressure": "both", "displacement": "both"}),
 }
 
@@ -267,8 +318,13 @@ def test_a_field_is_drawn_where_the_medium_has_it(case, tmp_path, monkeypatch):
     right = (serial.points[serial.cells, 0].mean(axis=1) > 1.0).astype(np.int32)
     serial = dataclasses.replace(serial, regions=("left", "right"), cell_region=right)
     mesh = distribute(COMM, serial, np.zeros(len(serial.points), dtype=int))
-    FieldWriter(tmp_path, mesh).write(1, 0.1, fields_of(mesh, 1.0) | {"fluid velocity": mesh.X[: mesh.n_owned]})
-    entries = [f'[[material]]\nregion = ["{name}"]\n{text}' for name, text in zip(serial.regions, materials, strict=True)]
+    FieldWriter(tmp_path, mesh).write(
+        1, 0.1, fields_of(mesh, 1.0) | {"fluid velocity": mesh.X[: mesh.n_owned]}
+    )
+    entries = [
+        f'[[material]]\nregion = ["{name}"]\n{text}'
+        for name, text in zip(serial.regions, materials, strict=True)
+    ]
     (tmp_path / "scene.toml").write_text("\n".join(entries))
     drawn = {}
 
@@ -277,7 +333,9 @@ def test_a_field_is_drawn_where_the_medium_has_it(case, tmp_path, monkeypatch):
         drawn[label[0]] = "both" if np.ptp(x) == 2 else "left" if x.min() == 0 else "right"
         grey = set() if backdrop is None else {tuple(row) for row in backdrop.triangles}
         assert not grey & {tuple(row) for row in surface.triangles}
-        assert bool(grey) == (drawn[label[0]] == "left")  # what is left of a fluid; a solid is drawn alone
+        assert bool(grey) == (
+            drawn[label[0]] == "left"
+        )  # what is left of a fluid; a solid is drawn alone
 
     monkeypatch.setattr(figures, "draw_field", draw)
     monkeypatch.setattr(figures, "DPI", 10)
@@ -290,7 +348,11 @@ def test_forces_have_their_panel():
     history = {name: np.array([0.0, 2.0e3]) for name in ("t", *columns, "coupling_iterations")}
     figure = Figure()
     draw_histories(figure, history)
-    assert [ax.get_ylabel() for ax in figure.axes] == ["displacement [m]", "force of the fluid [N/m]", "coupling\niterations"]
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "displacement [m]",
+        "force of the fluid [N/m]",
+        "coupling\niterations",
+    ]
     figure = Figure()
     draw_histories(figure, history | {"body.f_z": history["t"]})
     assert figure.axes[1].get_ylabel() == "force of the fluid [N]"
@@ -310,7 +372,10 @@ def test_snapshots_nearest_to_the_times_are_taken_once(tmp_path):
     assert len(choose_snapshots(read_snapshots(tmp_path), [])) == 4
 
 
-@pytest.mark.parametrize(("name", "triangles", "outline"), [("T3", 16, 12), ("T6", 64, 24), ("T4", 56, 32), ("T10", 224, 64)])
+@pytest.mark.parametrize(
+    ("name", "triangles", "outline"),
+    [("T3", 16, 12), ("T6", 64, 24), ("T4", 56, 32), ("T10", 224, 64)],
+)
 def test_surface_is_drawn_completely(name, triangles, outline, tmp_path):
     write_results(tmp_path, name, 1)
     surface = read_surface(tmp_path)
@@ -331,7 +396,12 @@ def test_result_directory_is_described(tmp_path):
     mesh = write_results(tmp_path, "T3")
     write_checkpoint(tmp_path, mesh, {"step": 4, "time": 0.4}, arrays_of(mesh))
     text = describe(tmp_path)
-    assert "0.1 s to 0.4 s" in text and "A.u_x" in text and "displacement" in text and mesh.hash in text
+    assert (
+        "0.1 s to 0.4 s" in text
+        and "A.u_x" in text
+        and "displacement" in text
+        and mesh.hash in text
+    )
 
 
 def test_mesh_file_is_described(tmp_path):
@@ -351,16 +421,25 @@ def test_mesh_file_is_described(tmp_path):
 
 
 def test_a_faint_panel_changes_the_colour_scale_for_all():
-    loud, faint = np.array([-9e3, 1e4]), np.array([-1e3, 2e3])
+    loud = np.array([-9e3, 1e4])
+    faint = np.array([-1e3, 2e3])
     assert not colour_scale([loud, loud / 2], "Pa").root
     scale = colour_scale([loud, faint], "Pa")
     assert scale.root and (scale.unit, scale.low, scale.high) == ("kPa", -10.0, 10.0)
     colour = scale.mapping["norm"]
-    assert colour(0.0) == pytest.approx(0.5) and colour(2.5) == pytest.approx(0.75) and colour(-10.0) == 0.0
+    assert (
+        colour(0.0) == pytest.approx(0.5)
+        and colour(2.5) == pytest.approx(0.75)
+        and colour(-10.0) == 0.0
+    )
 
 
 def test_a_solid_domain_is_drawn_behind_the_cut_or_whole_where_nothing_would_be_left():
     mesh = serial_mesh("T4")
-    whole, half, beyond = (surface_of(mesh.points, mesh.cells, mesh.element, cut) for cut in (0.0, None, 5.0))
+    whole, half, beyond = (
+        surface_of(mesh.points, mesh.cells, mesh.element, cut) for cut in (0.0, None, 5.0)
+    )
     assert whole.cut == 0.0 and half.cut == 0.5 and beyond.cut == 0.0
-    assert mesh.points[whole.nodes, 1].min() == 0.0 and len(half.triangles) < len(whole.triangles) == len(beyond.triangles)
+    assert mesh.points[whole.nodes, 1].min() == 0.0 and len(half.triangles) < len(
+        whole.triangles
+    ) == len(beyond.triangles)

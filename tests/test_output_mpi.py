@@ -24,7 +24,10 @@ COMM = MPI.COMM_WORLD
 
 
 def block():
-    x, y = (SimpleNamespace(points=[0.0, length], cells=[cells], ratios=[1.0]) for length, cells in ((2.0, 6), (1.0, 3)))
+    x, y = (
+        SimpleNamespace(points=[0.0, length], cells=[cells], ratios=[1.0])
+        for length, cells in ((2.0, 6), (1.0, 3))
+    )
     return rectangle(x, y, order=2, diagonal="alternating")
 
 
@@ -37,12 +40,22 @@ def local_mesh(seed, ranks=COMM.size):
 
 def arrays_of(mesh):
     X = mesh.X[: mesh.n_owned]
-    return {"u": np.sqrt(X), "p": X[:, 0] / 3, "b": np.tile(X[:, :1, None], (1, 3, 3)), "number": mesh.natural[: mesh.n_owned]}
+    return {
+        "u": np.sqrt(X),
+        "p": X[:, 0] / 3,
+        "b": np.tile(X[:, :1, None], (1, 3, 3)),
+        "number": mesh.natural[: mesh.n_owned],
+    }
 
 
 @pytest.mark.parametrize("ranks_written", [COMM.size, 1])
 def test_checkpoint_is_read_in_another_partition(ranks_written, shared_path):
-    write_checkpoint(shared_path, local_mesh(1, ranks_written), {"step": 3}, arrays_of(local_mesh(1, ranks_written)))
+    write_checkpoint(
+        shared_path,
+        local_mesh(1, ranks_written),
+        {"step": 3},
+        arrays_of(local_mesh(1, ranks_written)),
+    )
     mesh = local_mesh(2)
     path = shared_path / "checkpoint.h5"
     header = open_checkpoint(path, COMM)
@@ -53,16 +66,25 @@ def test_checkpoint_is_read_in_another_partition(ranks_written, shared_path):
 
 
 def test_fields_are_those_of_the_serial_mesh(shared_path):
-    mesh, serial = local_mesh(3), block()
+    mesh = local_mesh(3)
+    serial = block()
     writer = FieldWriter(shared_path, mesh)
     for step in range(3):
-        writer.write(step, 0.5 * step, {"displacement": step * mesh.X[: mesh.n_owned], "pressure": mesh.X[: mesh.n_owned, 0]})
+        writer.write(
+            step,
+            0.5 * step,
+            {"displacement": step * mesh.X[: mesh.n_owned], "pressure": mesh.X[: mesh.n_owned, 0]},
+        )
     writer.truncate(0.7)
     with meshio.xdmf.TimeSeriesReader(shared_path / "fields.xdmf") as reader:
         points, cells = reader.read_points_cells()
         time, point_data, cell_data = reader.read_data(1)
         assert reader.num_steps == 2
-    assert time == 0.5 and np.array_equal(cells[0].data, serial.cells) and np.array_equal(points[:, :2], serial.points)
+    assert (
+        time == 0.5
+        and np.array_equal(cells[0].data, serial.cells)
+        and np.array_equal(points[:, :2], serial.points)
+    )
     assert np.array_equal(point_data["displacement"][:, :2], serial.points)
     assert np.array_equal(point_data["pressure"], serial.points[:, 0])
     assert np.array_equal(cell_data["region"][0], serial.cell_region)
@@ -72,7 +94,9 @@ def test_probes_do_not_depend_on_the_partition():
     serial = block()
     values = np.sin(3 * serial.points) + serial.points**2
     points = [("node", [1.0, 1.0]), ("edge", [0.5, 0.5]), ("inside", [1.37, 0.61])]
-    alone = Probes(distribute(MPI.COMM_SELF, serial, np.zeros(len(values), dtype=int)), points).evaluate(values)
+    alone = Probes(
+        distribute(MPI.COMM_SELF, serial, np.zeros(len(values), dtype=int)), points
+    ).evaluate(values)
     for seed in range(3):
         mesh = local_mesh(seed)
         assert np.array_equal(Probes(mesh, points).evaluate(values[mesh.natural]), alone)
@@ -80,10 +104,14 @@ def test_probes_do_not_depend_on_the_partition():
 
 def test_slabs_of_ranks_without_rows(shared_path):
     rows = np.full((2 if COMM.rank % 2 == 0 else 0, 3), float(COMM.rank))
-    write_slabs(shared_path / "a.h5", COMM, {"rows": rows, "more": rows[:, 0]}, {"names": ["a", "b"]})
+    write_slabs(
+        shared_path / "a.h5", COMM, {"rows": rows, "more": rows[:, 0]}, {"names": ["a", "b"]}
+    )
     expected = np.repeat(np.arange(0.0, COMM.size, 2), 2)
     assert np.array_equal(read_slab(shared_path / "a.h5", "more"), expected)
-    assert np.array_equal(read_slab(shared_path / "a.h5", "rows", 1, 2), np.full((1, 3), expected[1]))
+    assert np.array_equal(
+        read_slab(shared_path / "a.h5", "rows", 1, 2), np.full((1, 3), expected[1])
+    )
     with h5py.File(shared_path / "a.h5", "r") as file:
         assert list(file.attrs["names"]) == ["a", "b"]
 
@@ -106,4 +134,6 @@ def test_history_is_written_once(shared_path):
     history = History.resume(shared_path, ["A.p"], COMM, 0.5)
     history.append(1.0, [2 / 3], 5)
     columns = read_history(shared_path / "history.csv")
-    assert np.array_equal(columns["A.p"], [1 / 3, 2 / 3]) and np.array_equal(columns["coupling_iterations"], [4, 5])
+    assert np.array_equal(columns["A.p"], [1 / 3, 2 / 3]) and np.array_equal(
+        columns["coupling_iterations"], [4, 5]
+    )

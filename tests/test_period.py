@@ -7,7 +7,9 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.output.period import period_analysis
 
 F, SAMPLES = 5.46, 100  # leading frequency [Hz], samples per period
-SAMPLING = (2 * np.pi / SAMPLES) ** 2  # 4e-3: an extremum by a parabola errs by its square, a crossing by less
+SAMPLING = (
+    2 * np.pi / SAMPLES
+) ** 2  # 4e-3: an extremum by a parabola errs by its square, a crossing by less
 T = np.arange(0, 12 / F, 1 / F / SAMPLES)
 
 
@@ -22,27 +24,41 @@ def assert_oscillation(found, mean, amplitude, frequency, error=SAMPLING**2):
 
 
 def test_every_column_has_its_mean_amplitude_and_own_frequency():
-    columns = {"u_y": wave(T, 1.47, 34.99), "u_x": wave(T, -2.88, 2.72, 2 * F), "lift": wave(T, 2.5, 153.91, phase=2.0)}
+    columns = {
+        "u_y": wave(T, 1.47, 34.99),
+        "u_x": wave(T, -2.88, 2.72, 2 * F),
+        "lift": wave(T, 2.5, 153.91, phase=2.0),
+    }
     found = period_analysis(T, columns, "u_y")
     assert_oscillation(found.columns["u_y"], 1.47, 34.99, F)
-    assert_oscillation(found.columns["u_x"], -2.88, 2.72, 2 * F, error=(4 * SAMPLING) ** 2)  # 50 samples per period
+    assert_oscillation(
+        found.columns["u_x"], -2.88, 2.72, 2 * F, error=(4 * SAMPLING) ** 2
+    )  # 50 samples per period
     assert_oscillation(found.columns["lift"], 2.5, 153.91, F)
     assert found.end - found.start == pytest.approx(1 / F, rel=SAMPLING**1.5)
-    assert T[-1] - found.end < 1.1 / F  # a crossing counts when the signal has gone on to the edge of the band
+    assert (
+        T[-1] - found.end < 1.1 / F
+    )  # a crossing counts when the signal has gone on to the edge of the band
     assert found.change < SAMPLING**2
 
 
 def test_the_extrema_are_found_between_samples():
-    t = np.arange(0, 12 / F, 1 / F / 10.3)  # about ten samples a period: the largest sample misses the peak by up to 5 %
+    t = np.arange(
+        0, 12 / F, 1 / F / 10.3
+    )  # about ten samples a period: the largest sample misses the peak by up to 5 %
     y = wave(t, 0.0, 1.0)
     found = period_analysis(t, {"y": y}, "y").columns["y"]
-    assert found.amplitude == pytest.approx(1, abs=(2 * np.pi / 10.3) ** 4 / 24)  # the quartic term that the parabola leaves
+    assert found.amplitude == pytest.approx(
+        1, abs=(2 * np.pi / 10.3) ** 4 / 24
+    )  # the quartic term that the parabola leaves
 
 
 def test_two_unequal_humps_per_period_count_as_two():
     y = wave(T, 0, 1, 2 * F) + wave(T, 0, 0.4, F, phase=1.0)
     found = period_analysis(T, {"lead": wave(T, 0, 1), "y": y}, "lead")
-    assert found.columns["y"].frequency == pytest.approx(2 * F, rel=SAMPLING)  # whole periods: unequal spacing has no effect
+    assert found.columns["y"].frequency == pytest.approx(
+        2 * F, rel=SAMPLING
+    )  # whole periods: unequal spacing has no effect
 
 
 @pytest.mark.parametrize("ripple", [0.02, 0.1])
@@ -52,7 +68,9 @@ def test_ripple_makes_no_crossing(ripple):
     assert found.end - found.start == pytest.approx(
         1 / F, rel=2 * ripple / np.pi
     )  # a crossing moves by ripple/(2π F) at each end
-    assert found.columns["y"].frequency == pytest.approx(F, rel=0.5 * ripple / np.pi)  # averaged over four periods
+    assert found.columns["y"].frequency == pytest.approx(
+        F, rel=0.5 * ripple / np.pi
+    )  # averaged over four periods
     assert found.columns["y"].amplitude == pytest.approx(1, abs=1.01 * ripple)
 
 
@@ -66,7 +84,9 @@ def test_the_start_up_does_not_matter():
 def test_a_growing_amplitude_is_reported():
     growth = 1.1 ** (T * F)
     found = period_analysis(T, {"y": growth * wave(T, 0, 1)}, "y")
-    assert found.change == pytest.approx(0.1, rel=0.01)  # both periods see the same factor; their limits are level crossings
+    assert found.change == pytest.approx(
+        0.1, rel=0.01
+    )  # both periods see the same factor; their limits are level crossings
 
 
 def test_times_of_any_spacing():
@@ -93,7 +113,9 @@ def test_no_full_period_gives_none(y):
 
 
 def test_a_steady_column_has_a_mean_and_no_frequency():
-    found = period_analysis(T, {"lead": wave(T, 0, 1), "y": np.full_like(T, 7.0)}, "lead").columns["y"]
+    found = period_analysis(T, {"lead": wave(T, 0, 1), "y": np.full_like(T, 7.0)}, "lead").columns[
+        "y"
+    ]
     assert (found.mean, found.amplitude, found.frequency) == (7.0, 0.0, None)
 
 

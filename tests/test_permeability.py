@@ -1,4 +1,6 @@
-"""Permeability laws and their drag, against fractions worked out by hand from the formulas of their papers."""
+"""Permeability laws and their drag, against fractions worked out by hand from the formulas of their
+papers.
+"""
 
 from fractions import Fraction
 from types import SimpleNamespace
@@ -13,15 +15,37 @@ from porofsi_petsc.materials.porous import PorousMaterial
 ROUND_OFF = 1e-14
 # law -> (n_s0, exponent, ((J, k/k0), …)): one state in compression, one in extension
 BY_HAND = {
-    "constant": (Fraction(1, 4), 3, ((Fraction(7, 10), Fraction(1)), (Fraction(8, 5), Fraction(1)))),
-    # Markert, Transp. Porous Media 70 (2007) 427: [(J - n)/(1 - n)]^kappa = (9/20 : 3/4)^3, (27/20 : 3/4)^3
-    "markert": (Fraction(1, 4), 3, ((Fraction(7, 10), Fraction(27, 125)), (Fraction(8, 5), Fraction(729, 125)))),
-    # Ehlers & Eipper, Transp. Porous Media 34 (1999) 179: (n_f/n_f0)^kappa = (1/2 : 3/5)^2, (4/5 : 3/5)^2
-    "ehlers_eipper": (Fraction(2, 5), 2, ((Fraction(4, 5), Fraction(25, 36)), (Fraction(2), Fraction(16, 9)))),
+    "constant": (
+        Fraction(1, 4),
+        3,
+        ((Fraction(7, 10), Fraction(1)), (Fraction(8, 5), Fraction(1))),
+    ),
+    # Markert, Transp. Porous Media 70 (2007) 427: [(J - n)/(1 - n)]^kappa = (9/20 : 3/4)^3, (27/20
+    # : 3/4)^3
+    "markert": (
+        Fraction(1, 4),
+        3,
+        ((Fraction(7, 10), Fraction(27, 125)), (Fraction(8, 5), Fraction(729, 125))),
+    ),
+    # Ehlers & Eipper, Transp. Porous Media 34 (1999) 179: (n_f/n_f0)^kappa = (1/2 : 3/5)^2, (4/5 :
+    # 3/5)^2
+    "ehlers_eipper": (
+        Fraction(2, 5),
+        2,
+        ((Fraction(4, 5), Fraction(25, 36)), (Fraction(2), Fraction(16, 9))),
+    ),
     # Kozeny-Carman, n_f^3/(1 - n_f)^2: (5/6)^3 (4/5)^2 and (4/3)^3 2^2; it has no exponent
-    "kozeny_carman": (Fraction(2, 5), 7, ((Fraction(4, 5), Fraction(10, 27)), (Fraction(2), Fraction(256, 27)))),
+    "kozeny_carman": (
+        Fraction(2, 5),
+        7,
+        ((Fraction(4, 5), Fraction(10, 27)), (Fraction(2), Fraction(256, 27))),
+    ),
     # Xie & Leo, Comput. Geotech. 31 (2004) 301: k/k0 = J^2; it knows neither n nor an exponent
-    "xie_leo": (Fraction(2, 5), 7, ((Fraction(4, 5), Fraction(16, 25)), (Fraction(3, 2), Fraction(9, 4)))),
+    "xie_leo": (
+        Fraction(2, 5),
+        7,
+        ((Fraction(4, 5), Fraction(16, 25)), (Fraction(3, 2), Fraction(9, 4))),
+    ),
 }
 
 
@@ -40,7 +64,9 @@ def material(law, **changes):
 @pytest.mark.parametrize("law", PERMEABILITY)
 def test_factor_is_that_of_the_paper(law):
     n_s0, _, states = BY_HAND[law]
-    J, expected = (np.array([float(entry) for entry in column]) for column in zip(*states, strict=True))
+    J, expected = (
+        np.array([float(entry) for entry in column]) for column in zip(*states, strict=True)
+    )
     assert permeability(law).factor(J, float(n_s0)) == pytest.approx(expected, rel=ROUND_OFF)
     assert permeability(law).factor(np.ones(1), float(n_s0)) == pytest.approx(1.0, rel=ROUND_OFF)
 
@@ -58,7 +84,9 @@ def test_drag_is_the_squared_fluid_fraction_over_the_permeability(law, variable)
 
 @pytest.mark.parametrize("law", PERMEABILITY)
 def test_volume_derivatives_are_those_of_drag_and_fluid_fraction(law):
-    body, J, step = material(law, variable_porosity=True), np.array([0.9, 1.3]), 1e-6
+    body = material(law, variable_porosity=True)
+    J = np.array([0.9, 1.3])
+    step = 1e-6
 
     def slope(function):
         """Return J times the central difference, whose truncation is of order step² = 1e-12."""
@@ -70,7 +98,9 @@ def test_volume_derivatives_are_those_of_drag_and_fluid_fraction(law):
 
 
 def test_fractions_and_densities_of_the_limits():
-    """A free fluid has no skeleton, a dense solid no fluid; a porous one flows through with the averaged velocity n_f v_f."""
+    """A free fluid has no skeleton, a dense solid no fluid; a porous one flows through with the
+    averaged velocity n_f v_f.
+    """
     body = material("markert", variable_porosity=True)
     J = np.array([0.5, 2.0])
     assert body.rho_s == 500.0
@@ -83,12 +113,18 @@ def test_fractions_and_densities_of_the_limits():
     assert constant.viscosity == 0.0
     second = SimpleNamespace(G=np.ones((1, 2, 3, 2)), volume_gradient=np.ones((1, 2, 2)))
     assert not constant.fluid_fraction_gradient(np.ones((1, 2)), second).any()
-    assert body.fluid_fraction_gradient(np.full((1, 2), 0.5), second) == pytest.approx(np.full((1, 2, 2), 0.5))
+    assert body.fluid_fraction_gradient(np.full((1, 2), 0.5), second) == pytest.approx(
+        np.full((1, 2, 2), 0.5)
+    )
     free = PorousMaterial.free_fluid(1000.0, 1e-3)
     assert (free.drag0, free.viscosity, free.rho_s) == (0.0, 1e-3, 0.0)
     assert free.is_free_fluid and free.fluid_fraction(J).tolist() == [1.0, 1.0]
     dense = PorousMaterial.dense_solid(body.elastic, 7800.0)
-    assert not dense.is_free_fluid and dense.rho_s == 7800.0 and dense.fluid_fraction(J).tolist() == [0.0, 0.0]
+    assert (
+        not dense.is_free_fluid
+        and dense.rho_s == 7800.0
+        and dense.fluid_fraction(J).tolist() == [0.0, 0.0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -103,7 +139,9 @@ def test_fractions_and_densities_of_the_limits():
         ("constant", "ehlers_eipper", False, True),
     ],
 )
-def test_pores_close_at_the_initial_solid_fraction_where_something_depends_on_them(law, elastic, variable, closed):
+def test_pores_close_at_the_initial_solid_fraction_where_something_depends_on_them(
+    law, elastic, variable, closed
+):
     given = dict(n_s0=0.25, rho_sR=2000.0, rho_fR=1000.0, drag0=1.0)
     given["permeability"] = PERMEABILITY[law](**examples(PERMEABILITY[law]))
     body = PorousMaterial(ELASTIC[elastic](3.0, 2.0, 0.25), variable_porosity=variable, **given)

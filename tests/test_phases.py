@@ -1,8 +1,20 @@
-"""The phases: assembled tangents against differences of their residuals; states that must not feel a force."""
+"""The phases: assembled tangents against differences of their residuals; states that must not feel
+a force.
+"""
 
 import numpy as np
 import pytest
-from small_media import BRINKMAN, DARCY, FD_STEP, FD_TOLERANCE, MESHES, VARIABLE, dense, in_motion, medium
+from small_media import (
+    BRINKMAN,
+    DARCY,
+    FD_STEP,
+    FD_TOLERANCE,
+    MESHES,
+    VARIABLE,
+    dense,
+    in_motion,
+    medium,
+)
 
 from porofsi_petsc.phases.transfer import Flow
 
@@ -10,8 +22,11 @@ pytestmark = pytest.mark.usefixtures("petsc")
 
 
 def difference(phase, residual, scales):
-    """Return the derivative of a residual (n_owned, k) by the unknowns on the collocation level, dense."""
-    base, columns = phase.unknowns.copy(), []
+    """Return the derivative of a residual (n_owned, k) by the unknowns on the collocation level,
+    dense.
+    """
+    base = phase.unknowns.copy()
+    columns = []
     for node, component in np.ndindex(base.shape):
         values = []
         for sign in (1, -1):
@@ -26,7 +41,9 @@ def difference(phase, residual, scales):
 
 
 def assert_blocks_agree(matrix, expected, free, fields):
-    """Compare the free rows and columns of two matrices field by field, each on the scale of its own block."""
+    """Compare the free rows and columns of two matrices field by field, each on the scale of its
+    own block.
+    """
     for rows in fields:
         for columns in fields:
             block = np.ix_(np.flatnonzero(free & rows), np.flatnonzero(free & columns))
@@ -35,11 +52,16 @@ def assert_blocks_agree(matrix, expected, free, fields):
             assert np.abs(matrix[block] - expected[block]).max() < FD_TOLERANCE * scale
 
 
-@pytest.mark.parametrize("options", [DARCY, BRINKMAN, BRINKMAN + VARIABLE], ids=["Darcy", "Brinkman", "variable porosity"])
+@pytest.mark.parametrize(
+    "options",
+    [DARCY, BRINKMAN, BRINKMAN + VARIABLE],
+    ids=["Darcy", "Brinkman", "variable porosity"],
+)
 @pytest.mark.parametrize("mesh", MESHES)
 def test_fluid_tangent_is_the_derivative_of_its_residual(mesh, options):
     coupling, rates = in_motion(mesh, *options)
-    fluid, d = coupling.fluid, coupling.solid.mesh.dim
+    fluid = coupling.fluid
+    d = coupling.solid.mesh.dim
     skeleton = coupling.solid.skeleton()
 
     def residual():
@@ -53,13 +75,23 @@ def test_fluid_tangent_is_the_derivative_of_its_residual(mesh, options):
     assert_blocks_agree(dense(fluid._matrix.mat), expected, free, [~pressure, pressure])
 
 
-@pytest.mark.parametrize("law", ["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"])
+@pytest.mark.parametrize(
+    "law", ["linear_elastic", "saint_venant_kirchhoff", "neo_hookean", "neo_hookean_j2"]
+)
 @pytest.mark.parametrize("mesh", MESHES)
 def test_solid_tangent_is_the_derivative_of_its_residual(mesh, law):
-    """On the fixed mesh: on a moving one the change of the pressure term with the configuration is left to the iteration."""
-    fixed = ("model.moving_mesh=false", f"material.0.solid.law={law}", "limits.mesh_displacement=report", "limits.strain=report")
+    """On the fixed mesh: on a moving one the change of the pressure term with the configuration is
+    left to the iteration.
+    """
+    fixed = (
+        "model.moving_mesh=false",
+        f"material.0.solid.law={law}",
+        "limits.mesh_displacement=report",
+        "limits.strain=report",
+    )
     coupling, rates = in_motion(mesh, *fixed)
-    solid, flow = coupling.solid, coupling.fluid.flow()
+    solid = coupling.solid
+    flow = coupling.fluid.flow()
     solid.renew_tangent(rates)
     expected = difference(solid, lambda: solid.residual(flow).total, [0.02] * solid.mesh.dim)
     free = ~solid._setup.dirichlet.mask.ravel()
@@ -67,24 +99,36 @@ def test_solid_tangent_is_the_derivative_of_its_residual(mesh, law):
 
 
 def test_a_term_left_out_of_the_tangent_would_be_seen():
-    """The corrected split's fluid tangent has a term that its residual lacks: the comparison must notice it."""
+    """The corrected split's fluid tangent has a term that its residual lacks: the comparison must
+    notice it.
+    """
     coupling, rates = in_motion("T3", *DARCY, "coupling.split=corrected")
-    fluid, skeleton = coupling.fluid, coupling.solid.skeleton()
+    fluid = coupling.fluid
+    skeleton = coupling.solid.skeleton()
     fluid.renew_tangent(rates, skeleton)
-    m, n = fluid.components, fluid.mesh.n_owned
+    m = fluid.components
+    n = fluid.mesh.n_owned
     matrix = dense(fluid._matrix.mat).reshape(n, m, n, m)[:, :3, :, :3].reshape(3 * n, 3 * n)
-    expected = difference(fluid, lambda: np.column_stack([r.total for r in fluid.residual(skeleton)]), [0.3, 0.3, 1e4])
+    expected = difference(
+        fluid, lambda: np.column_stack([r.total for r in fluid.residual(skeleton)]), [0.3, 0.3, 1e4]
+    )
     free = ~fluid._setup.mask[:, :3].ravel()
     with pytest.raises(AssertionError):
-        assert_blocks_agree(matrix, expected, free, [np.ones(len(free), dtype=bool), np.tile([False, False, True], n)])
+        assert_blocks_agree(
+            matrix,
+            expected,
+            free,
+            [np.ones(len(free), dtype=bool), np.tile([False, False, True], n)],
+        )
 
 
-# -- rigid motion and uniform flow ----------------------------------------------------------------------------------------
+# -- rigid motion and uniform flow -----------------------------------------------------------------
 
 
 def rotation(dim, angle):
     Q = np.eye(dim)
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     Q[:2, :2] = [[c, -s], [s, c]]
     return Q
 
@@ -93,7 +137,8 @@ def rotation(dim, angle):
 @pytest.mark.parametrize("mesh", MESHES)
 def test_a_rigid_motion_has_no_stress_and_no_energy(mesh, law):
     coupling, (scheme, _), _ = medium(mesh, f"material.0.solid.law={law}")
-    solid, d = coupling.solid, coupling.solid.mesh.dim
+    solid = coupling.solid
+    d = coupling.solid.mesh.dim
     X = solid.mesh.X
     u = X @ rotation(d, 0.7).T - X + np.arange(1.0, d + 1)
     solid.begin_step(scheme, 0.0)
@@ -112,9 +157,13 @@ def test_a_rigid_motion_has_no_stress_and_no_energy(mesh, law):
 @pytest.mark.parametrize("options", [DARCY, BRINKMAN], ids=["Darcy", "Brinkman"])
 @pytest.mark.parametrize("mesh", MESHES)
 def test_a_uniform_flow_on_a_moving_mesh_stays_uniform(mesh, options):
-    """However the nodes move through it, a uniform flow has no inertia, no pressure and no viscous force: only the drag."""
+    """However the nodes move through it, a uniform flow has no inertia, no pressure and no viscous
+    force: only the drag.
+    """
     coupling, (solid_scheme, fluid_scheme), rates = medium(mesh, *options)
-    solid, fluid, rng = coupling.solid, coupling.fluid, np.random.default_rng(5)
+    solid = coupling.solid
+    fluid = coupling.fluid
+    rng = np.random.default_rng(5)
     d = solid.mesh.dim
     solid.u[:] = 0.02 * rng.standard_normal(solid.u.shape)
     solid.v[:] = 0.3 * rng.standard_normal(solid.v.shape)
@@ -124,11 +173,15 @@ def test_a_uniform_flow_on_a_moving_mesh_stays_uniform(mesh, options):
         phase.reset()
     fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_skeleton())
     solid.begin_step(solid_scheme, 0.0)
-    fluid.unknowns = np.column_stack([np.tile(uniform, (fluid.mesh.n_owned, 1)), np.zeros(fluid.mesh.n_owned)])
+    fluid.unknowns = np.column_stack(
+        [np.tile(uniform, (fluid.mesh.n_owned, 1)), np.zeros(fluid.mesh.n_owned)]
+    )
     momentum, volume = fluid.residual(solid.skeleton())
     drag = np.abs(momentum.terms["drag"]).max()
     for name in ("inertia", "pressure", "viscous", "body"):
-        assert np.abs(momentum.terms[name]).max() < 1e-12 * drag, name  # round-off beside the drag, the one true force
+        assert np.abs(momentum.terms[name]).max() < 1e-12 * drag, (
+            name
+        )  # round-off beside the drag, the one true force
     fluid.unknowns = fluid.unknowns * (1 + 1e-6 * rng.standard_normal(fluid.unknowns.shape))
     moved, _ = fluid.residual(solid.skeleton())
     assert np.abs(moved.terms["inertia"]).max() > 1e-9 * drag

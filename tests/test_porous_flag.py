@@ -7,7 +7,13 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.output.history import read_history
 
-U, K, MU, LENGTH, MODULUS = 0.3, 1e-6, 2.0, 1.0, 2e6  # [m/s], [m²], [Pa s], [m] of the plug, E_c [Pa]
+U, K, MU, LENGTH, MODULUS = (
+    0.3,
+    1e-6,
+    2.0,
+    1.0,
+    2e6,
+)  # [m/s], [m²], [Pa s], [m] of the plug, E_c [Pa]
 
 SCENE = f"""
 title = "A plug at the end of a channel"
@@ -84,13 +90,26 @@ def last(path, *overrides):
 
 
 def test_flow_through_a_plug_obeys_darcy_and_loads_the_solid(tmp_path):
-    """Uniform flow: p falls by μ U L/K, the drag compresses the plug by μ U L²/(2 K E_c), both exact on quadratic triangles."""
+    """Uniform flow: p falls by μ U L/K, the drag compresses the plug by μ U L²/(2 K E_c), both
+    exact on quadratic triangles.
+    """
     computed = last(tmp_path)
     drop = MU * U * LENGTH / K
-    exact = {"inlet.p": drop, "face.p": drop, "face.u_x": drop * LENGTH / (2 * MODULUS), "face.vf_x": U, "inlet.vf_x": U}
+    exact = {
+        "inlet.p": drop,
+        "face.p": drop,
+        "face.u_x": drop * LENGTH / (2 * MODULUS),
+        "face.vf_x": U,
+        "inlet.vf_x": U,
+    }
     for name, value in exact.items():
-        print(f"{name}: computed {computed[name]:.9g}, exact {value:.9g}, error {computed[name] / value - 1:.1e}")
-        assert computed[name] == pytest.approx(value, rel=1e-8)  # 100 times the coupling's 1e-6 over a drag of 6e5 Pa: round-off
+        print(
+            f"{name}: computed {computed[name]:.9g}, exact {value:.9g}, error"
+            f" {computed[name] / value - 1:.1e}"
+        )
+        assert computed[name] == pytest.approx(
+            value, rel=1e-8
+        )  # 100 times the coupling's 1e-6 over a drag of 6e5 Pa: round-off
 
 
 def test_an_open_plug_is_not_there(tmp_path):

@@ -1,4 +1,6 @@
-"""What `porofsi check` says: numbers by hand, units that do not fit, no alarm on shipped scenes, the same on several ranks."""
+"""What `porofsi check` says: numbers by hand, units that do not fit, no alarm on shipped scenes,
+the same on several ranks.
+"""
 
 import re
 import sys
@@ -21,33 +23,58 @@ def said(scene, *overrides):
 
 
 def test_consolidation_in_numbers():
-    """E_c = E (1-ν)/((1+ν)(1-2ν)) = 1.2e8 Pa, c_v = E_c k/γ = 0.012 m²/s, √(c_v 0.5 s) = 0.0775 m, 1 m to the top: 1/c_v."""
+    """E_c = E (1-ν)/((1+ν)(1-2ν)) = 1.2e8 Pa, c_v = E_c k/γ = 0.012 m²/s, √(c_v 0.5 s) = 0.0775 m,
+    1 m to the top: 1/c_v.
+    """
     text = said(COLUMN)
     assert "8 elements T3, 9 nodes, 45 unknowns, about 0.3 GB of memory" in text
-    assert "c_v = 0.012 m²/s, the first step drains 0.0775 m, all of it (1 m from a drained boundary) takes 83.3 s" in text
-    assert "beside a drained boundary are 0.5 m apart or more, which does not resolve the first step" in text
-    assert "does not resolve" not in said(COLUMN, "mesh.x.cells=[6]", "mesh.y.cells=[6]")  # 1/6 m < √6 0.0775 m
+    assert (
+        "c_v = 0.012 m²/s, the first step drains 0.0775 m, all of it (1 m from a drained boundary)"
+        " takes 83.3 s" in text
+    )
+    assert (
+        "beside a drained boundary are 0.5 m apart or more, which does not resolve the first step"
+        in text
+    )
+    assert "does not resolve" not in said(
+        COLUMN, "mesh.x.cells=[6]", "mesh.y.cells=[6]"
+    )  # 1/6 m < √6 0.0775 m
     assert "no boundary is drained" in said(COLUMN, 'boundary.2={on="top", traction={y=-1e5}}')
 
 
 def test_terms_steps_and_loads():
-    text = said(COLUMN, "time.growth=2.0", "time.step=0.1", "time.max_step=0.4", 'model.convection="auto"')
+    text = said(
+        COLUMN, "time.growth=2.0", "time.step=0.1", "time.max_step=0.4", 'model.convection="auto"'
+    )
     assert "in 4 steps, growing by 2 from 0.1 s to 0.4 s" in text  # 0.1, 0.2, 0.4, 0.3
     assert "switched on when needed: convection" in text and "strain (up to 0.05)" in text
     assert "to t = 1 s in 2 steps of 0.5 s" in said(COLUMN)
     assert "then as time.error_tolerance asks" in said(COLUMN, "time.error_tolerance=1e-3")
-    late = said(COLUMN, 'boundary.2.traction.y="-1e5*where(t > 0.999, 3, 1)"', "body_force.solid.y=-10")
+    late = said(
+        COLUMN, 'boundary.2.traction.y="-1e5*where(t > 0.999, 3, 1)"', "body_force.solid.y=-10"
+    )
     assert "body force: solid up to 10 m/s²\nlargest load: 3e+05 Pa (traction on 'top')" in late
-    heavy = said(COLUMN, "boundary.2.traction.y=0", "body_force.solid.y=-10", "body_force.fluid={x=-3, y=-4}")
-    assert "solid up to 10 m/s², fluid up to 5 m/s²\nlargest load: 1.4e+04 Pa (weight)" in heavy  # 0.7 * 2000 * 10 * 1 m
+    heavy = said(
+        COLUMN, "boundary.2.traction.y=0", "body_force.solid.y=-10", "body_force.fluid={x=-3, y=-4}"
+    )
+    assert (
+        "solid up to 10 m/s², fluid up to 5 m/s²\nlargest load: 1.4e+04 Pa (weight)" in heavy
+    )  # 0.7 * 2000 * 10 * 1 m
 
 
 def test_waves_and_flow():
-    """√(E_c/ρ) with ρ = 0.7 * 2000 + 0.3 * 1000 = 1700 kg/m³; the inflow of the flap is 20 y (0.4 - y) at most."""
+    """√(E_c/ρ) with ρ = 0.7 * 2000 + 0.3 * 1000 = 1700 kg/m³; the inflow of the flap is 20 y (0.4 -
+    y) at most.
+    """
     text = said(COLUMN, *DYNAMIC)
-    assert "waves of the solid: up to 266 m/s, Courant number 266 of the first step" in text  # 266 * 0.5/0.5
+    assert (
+        "waves of the solid: up to 266 m/s, Courant number 266 of the first step" in text
+    )  # 266 * 0.5/0.5
     text = said(FLAP)
-    assert "velocity up to 0.8 m/s" in text and "Reynolds number 320 over the shortest side of its box (0.4 m)" in text
+    assert (
+        "velocity up to 0.8 m/s" in text
+        and "Reynolds number 320 over the shortest side of its box (0.4 m)" in text
+    )
     assert "largest load: 640 Pa (dynamic pressure of the flow)" in text
 
 
@@ -58,7 +85,9 @@ def test_a_modulus_in_another_unit_is_told():
 
 
 def test_a_formula_that_fails_at_one_time_is_left_to_the_run():
-    assert "largest load: 1e+05 Pa" in said(COLUMN, 'boundary.2.traction.y="-1e5*where(t > 0.5, 1, 0) + 0*log(t)"')
+    assert "largest load: 1e+05 Pa" in said(
+        COLUMN, 'boundary.2.traction.y="-1e5*where(t > 0.5, 1, 0) + 0*log(t)"'
+    )
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -72,6 +101,8 @@ def test_shipped_scenes_are_described_without_an_alarm(name):
 def test_the_text_does_not_depend_on_the_number_of_ranks():
     words = ["-m", "porofsi_petsc", "check", FLAP, *changes(["time.growth=1.1"])]
 
-    one, two = (complete([*launch, sys.executable, *words]) for launch in ([], ["mpirun", "-n", "2"]))
+    one, two = (
+        complete([*launch, sys.executable, *words]) for launch in ([], ["mpirun", "-n", "2"])
+    )
     assert one.returncode == two.returncode == 0, two.stderr
     assert re.sub("about .* GB", "", one.stdout) == re.sub("about .* GB", "", two.stdout)

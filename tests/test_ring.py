@@ -1,4 +1,6 @@
-"""The vibrating ring with fluid around it: exact frequencies, the sweep's error factor, monolithic against partitioned."""
+"""The vibrating ring with fluid around it: exact frequencies, the sweep's error factor, monolithic
+against partitioned.
+"""
 
 from functools import cache
 
@@ -17,9 +19,16 @@ def period(density):
 
 
 def vibrate(density, steps, *overrides):
-    """Return the outcome of steps of 1/100 of the exact period and u_x(1.05, 0) after each, (steps,)."""
+    """Return the outcome of steps of 1/100 of the exact period and u_x(1.05, 0) after each,
+    (steps,).
+    """
     step = period(density) / 100
-    time = (f"time.step={step!r}", f"time.end={steps * step!r}", f"material.1.fluid.density={density!r}", "expect=[]")
+    time = (
+        f"time.step={step!r}",
+        f"time.end={steps * step!r}",
+        f"material.1.fluid.density={density!r}",
+        "expect=[]",
+    )
     displacements = []
 
     def watcher(coupling):
@@ -44,5 +53,6 @@ def test_the_ring_vibrates_at_its_exact_frequency_under_added_mass(density):
     (i,) = np.flatnonzero((u[:-1] > 0) & (u[1:] <= 0))
     zero = t[i] + u[i] / (u[i] - u[i + 1]) * (t[i + 1] - t[i])
     print(f"rho_f = {density:g}: frequency over the exact one {0.5 / zero:.6f}")
-    # the ideal fluid slides along the ring, this one sticks: 0.1 % with 140 kg/m³; 100 steps a period leave (2π/100)²/12 = 0.03 %
+    # the ideal fluid slides along the ring, this one sticks: 0.1 % with 140 kg/m³; 100 steps a
+    # period leave (2π/100)²/12 = 0.03 %
     assert 0.5 / zero == pytest.approx(1.0, abs=0.003)

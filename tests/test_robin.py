@@ -1,4 +1,6 @@
-"""Conditions on an interface: impedances, first relaxation, and that all pairs end in the same step."""
+"""Conditions on an interface: impedances, first relaxation, and that all pairs end in the same
+step.
+"""
 
 from dataclasses import replace
 from math import sqrt
@@ -17,26 +19,41 @@ HELD = {"x": 0.0, "y": 0.0}
 
 
 def test_a_thin_layer_is_its_mass_and_a_thick_one_a_wave():
-    """tanh(x) = x - x³/3: a layer of 1/100 of the way of a wave within the step differs by 3e-5 from its mass."""
+    """tanh(x) = x - x³/3: a layer of 1/100 of the way of a wave within the step differs by 3e-5
+    from its mass.
+    """
     way = sqrt(1e6 / (1200.0 * RATES.c_a))
     thin = solid_impedance(1e6, 1200.0, way / 100, RATES)
     assert thin == pytest.approx(1200.0 * way / 100 * RATES.c_a / RATES.c_v, rel=1e-4)
-    assert solid_impedance(1e6, 1200.0, 20 * way, RATES) == pytest.approx(sqrt(1e6 * 1200.0 * RATES.c_a) / RATES.c_v, rel=1e-12)
+    assert solid_impedance(1e6, 1200.0, 20 * way, RATES) == pytest.approx(
+        sqrt(1e6 * 1200.0 * RATES.c_a) / RATES.c_v, rel=1e-12
+    )
 
 
 def test_the_first_relaxation_balances_the_waves_with_and_without_added_mass():
     factor = Conditions("dirichlet_neumann", LAYER, "auto", None).first_factor
     ratio = LAYER.mass_ratio
-    assert ratio * LAYER.rho_s * LAYER.thickness * RATES.c_f == pytest.approx(fluid_impedance(1000.0, 0.1 / np.pi, RATES))
+    assert ratio * LAYER.rho_s * LAYER.thickness * RATES.c_f == pytest.approx(
+        fluid_impedance(1000.0, 0.1 / np.pi, RATES)
+    )
     assert abs(1 - factor * (1 + ratio)) == pytest.approx(1 - factor, rel=1e-12)
-    assert Conditions("dirichlet_neumann", replace(LAYER, rho_f=0.0), "auto", None).first_factor == 1
+    assert (
+        Conditions("dirichlet_neumann", replace(LAYER, rho_f=0.0), "auto", None).first_factor == 1
+    )
     assert Conditions("robin_neumann", LAYER, "auto", None).first_factor is None
 
 
 def channel(pair, **changes):
-    """Return a channel with an elastic wall that is clamped at its ends, pushed by a pressure at its inlet, both ends open."""
-    axes = {"x": {"points": [0.0, 0.1], "cells": [8]}, "y": {"points": [0.0, 0.02, 0.022], "cells": [3, 1]}}
-    patches = [{"name": f"wall_{side}", "side": side, "y": [0.02, 0.022]} for side in ("left", "right")]
+    """Return a channel with an elastic wall that is clamped at its ends, pushed by a pressure at
+    its inlet, both ends open.
+    """
+    axes = {
+        "x": {"points": [0.0, 0.1], "cells": [8]},
+        "y": {"points": [0.0, 0.02, 0.022], "cells": [3, 1]},
+    }
+    patches = [
+        {"name": f"wall_{side}", "side": side, "y": [0.02, 0.022]} for side in ("left", "right")
+    ]
     regions = [{"name": "wall", "y": [0.02, 0.022]}]
     tables = {
         "title": "channel with an elastic wall",
@@ -45,7 +62,10 @@ def channel(pair, **changes):
         "time": {"step": 1e-3, "end": 2e-3},
         "material": [
             {"region": "body", "fluid": {"density": 1000.0, "viscosity": 1e-2}},
-            {"region": "wall", "solid": {"law": "neo_hookean", "young": 1e6, "poisson": 0.3, "density": 1200.0}},
+            {
+                "region": "wall",
+                "solid": {"law": "neo_hookean", "young": 1e6, "poisson": 0.3, "density": 1200.0},
+            },
         ],
         "boundary": [
             {"on": "left", "traction": {"x": 100.0}},
@@ -53,7 +73,12 @@ def channel(pair, **changes):
             {"on": ["wall_left", "wall_right"], "displacement": HELD},
             {"on": "bottom", "velocity": HELD},
         ],
-        "coupling": {"interface": pair, "accelerator": "iqn_ils", "tolerance": 1e-11, "max_iterations": 80},
+        "coupling": {
+            "interface": pair,
+            "accelerator": "iqn_ils",
+            "tolerance": 1e-11,
+            "max_iterations": 80,
+        },
     }
     return Scene.model_validate(tables | changes)
 
@@ -65,7 +90,8 @@ def end_state(scene):
     def watcher(coupling):
         def watch(clock, coupling, energy):
             found["u"] = np.where(coupling.solid.domain.holds[:, None], coupling.solid.u, 0.0)
-            found["v"], found["p"] = coupling.fluid.v.copy(), coupling.fluid.p.copy()
+            found["v"] = coupling.fluid.v.copy()
+            found["p"] = coupling.fluid.p.copy()
 
         return watch
 
@@ -76,8 +102,11 @@ def end_state(scene):
 
 @pytest.mark.parametrize("pair", ["robin_neumann", "robin_robin"])
 def test_all_pairs_end_in_the_same_step_where_the_wall_is_clamped(pair):
-    """The fluid sticks to a node that a support holds: the reaction of the support is no part of the balance of the two."""
-    expected, found = end_state(channel("dirichlet_neumann")), end_state(channel(pair))
+    """The fluid sticks to a node that a support holds: the reaction of the support is no part of
+    the balance of the two.
+    """
+    expected = end_state(channel("dirichlet_neumann"))
+    found = end_state(channel(pair))
     for name, field in expected.items():
         error = np.abs(found[name] - field).max() / np.abs(field).max()
         print(f"{pair} {name}: {error:.1e}")

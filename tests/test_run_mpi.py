@@ -3,10 +3,21 @@
 import sys
 
 import pytest
-from running import SCENES, Job, complete, fields, history, largest_difference, needs_mpirun, run_here, run_on
+from running import (
+    SCENES,
+    Job,
+    complete,
+    fields,
+    history,
+    largest_difference,
+    needs_mpirun,
+    run_here,
+    run_on,
+)
 
-# The linear solves of different numbers of ranks differ in round-off (direct) or within their own tolerance (iterative), so at
-# the usual 1e-6 the answers may differ by as much.  Below 1e-10 the round-off of the stress of a first small step is the floor.
+# The linear solves of different numbers of ranks differ in round-off (direct) or within their own
+# tolerance (iterative), so at the usual 1e-6 the answers may differ by as much.  Below 1e-10 the
+# round-off of the stress of a first small step is the floor.
 TIGHT = ("coupling.tolerance=1e-10", "output.checkpoint_every=100")
 COARSE = ("mesh.order=1", "mesh.x.cells=[5, 2, 5]", "mesh.y.cells=[6]", "time.end=0.004")
 SMALL_STRAIN = (
@@ -22,13 +33,16 @@ CASES = {
     "T6 neo-Hookean ALE": ("pulse2d", (*COARSE, "mesh.order=2")),
     "T4 neo-Hookean ALE": (str(SCENES / "block3d.toml"), ("time.end=0.004",)),
 }
-# Residuals of 1e-11 of the largest force leave about that much relative error in the fields times the condition of the coupled
-# problem (measured: 1e-12 to 2e-10); the demand on a run is 1e-8.
+# Residuals of 1e-11 of the largest force leave about that much relative error in the fields times
+# the condition of the coupled problem (measured: 1e-12 to 2e-10); the demand on a run is 1e-8.
 SAME = 1e-8
 
 
 def jobs(folder):
-    return [Job(scene, str(folder / name), (*changes, *TIGHT)) for name, (scene, changes) in CASES.items()]
+    return [
+        Job(scene, str(folder / name), (*changes, *TIGHT))
+        for name, (scene, changes) in CASES.items()
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +63,8 @@ def parallel(request, tmp_path_factory):
 @needs_mpirun
 @pytest.mark.parametrize("case", CASES)
 def test_history_and_state_do_not_depend_on_the_ranks(serial, parallel, case):
-    expected, computed = history(serial / case), history(parallel / case)
+    expected = history(serial / case)
+    computed = history(parallel / case)
     assert list(expected["t"]) == list(computed["t"])
     assert expected["t"][-1] == 0.004 and len(expected["t"]) == 5
     for column in expected:
@@ -86,7 +101,9 @@ if rank == 0:
 
 @needs_mpirun
 def test_a_solver_collected_on_one_rank_does_not_stop_the_end(tmp_path):
-    """The garbage collector runs at different times on the ranks; the end of PETSc's objects is collective all the same."""
+    """The garbage collector runs at different times on the ranks; the end of PETSc's objects is
+    collective all the same.
+    """
     script = tmp_path / "uneven.py"
     script.write_text(UNEVEN_END)
     result = complete(["mpirun", "-n", "2", sys.executable, str(script)], timeout=60)

@@ -8,7 +8,15 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from porofsi_petsc.config import conditions, geometry, load_scene, material, reference, schema, sections
+from porofsi_petsc.config import (
+    conditions,
+    geometry,
+    load_scene,
+    material,
+    reference,
+    schema,
+    sections,
+)
 from porofsi_petsc.config.types import Coefficient, Formula, Limit, Scaling, Switch, Tags, Vector
 from porofsi_petsc.materials import ELASTIC, PERMEABILITY
 from porofsi_petsc.materials.law import parameters
@@ -64,7 +72,8 @@ def kind_of(annotation):
         return SPECIAL[annotation]
     if annotation in PLAIN:
         return PLAIN[annotation]
-    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    origin = typing.get_origin(annotation)
+    arguments = typing.get_args(annotation)
     if origin is typing.Annotated:
         return kind_of(arguments[0])
     if origin is typing.Literal:
@@ -72,7 +81,11 @@ def kind_of(annotation):
     if origin in (typing.Union, types.UnionType):
         return kind_of(next(a for a in arguments if a is not type(None)))
     if origin is tuple:
-        return "[from, to]" if len(arguments) == 2 and arguments[1] is not Ellipsis else _list_of(arguments[0])
+        return (
+            "[from, to]"
+            if len(arguments) == 2 and arguments[1] is not Ellipsis
+            else _list_of(arguments[0])
+        )
     return "table"
 
 
@@ -96,8 +109,15 @@ def default_of(field):
 def keys_of(model):
     """Return key -> (type, default) of a table; of a scene only what is no section."""
     hints = typing.get_type_hints(model, include_extras=True)
-    fields = {name: field for name, field in model.model_fields.items() if model is not schema.Scene or name in TEXTS}
-    keys = {field.alias or name: (kind_of(hints[name]), default_of(field)) for name, field in fields.items()}
+    fields = {
+        name: field
+        for name, field in model.model_fields.items()
+        if model is not schema.Scene or name in TEXTS
+    }
+    keys = {
+        field.alias or name: (kind_of(hints[name]), default_of(field))
+        for name, field in fields.items()
+    }
     if model in LAWS:
         keys["law"] = (", ".join(f'"{name}"' for name in LAWS[model]), "required")
     return keys
@@ -120,7 +140,13 @@ def test_every_key_is_documented_with_its_type_and_default(heading):
 
 
 def test_the_parameters_of_every_law_are_documented():
-    found = set(re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.+?) \| .+ \|$", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE))
+    found = set(
+        re.findall(
+            r"^\| `(\w+)` \| `(\w+)` \| (.+?) \| .+ \|$",
+            DOCUMENT.read_text(encoding="utf-8"),
+            re.MULTILINE,
+        )
+    )
     expected = {
         (law, key, f"{entry.meaning} [{entry.unit}]")
         for registry in LAWS.values()

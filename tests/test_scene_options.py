@@ -1,4 +1,6 @@
-"""What [petsc] options of a scene may say: options of solvers; no code, no files, which only the command line names."""
+"""What [petsc] options of a scene may say: options of solvers; no code, no files, which only the
+command line names.
+"""
 
 from pathlib import Path
 
@@ -66,7 +68,10 @@ ALLOWED = (
     "",
     "-fluid_ksp_type gmres -fluid_ksp_rtol 1e-6 -fluid_ksp_atol -1.5E+3 -fluid_ksp_max_it 10",
     "-solid_pc_type gamg -solid_pc_gamg_threshold 0.01,-1 -solid_pc_gamg_reuse_interpolation false",
-    "-mesh_ksp_converged_reason -mesh_ksp_monitor -mesh_ksp_view ::ascii_info_detail -mixture_ksp_view ascii",
+    (
+        "-mesh_ksp_converged_reason -mesh_ksp_monitor -mesh_ksp_view ::ascii_info_detail"
+        " -mixture_ksp_view ascii"
+    ),
     "-mixture_pc_type python -solid_sub_pc_python_type porofsi_petsc.linalg.pyamg_pc.PyAMG",
     "-log_view -options_left",
     "-fluid_pc_fieldsplit_schur_fact_type upper # a comment",
@@ -76,7 +81,9 @@ ALLOWED = (
 @pytest.mark.parametrize("text", REFUSED)
 def test_code_and_files_are_refused_before_petsc_sees_them(text):
     options.start()  # forgets the defaults of solvers that were made in this process before
-    with pytest.raises(InputError, match=r"\[petsc\] options: received .*after --.*--allow-scene-options"):
+    with pytest.raises(
+        InputError, match=r"\[petsc\] options: received .*after --.*--allow-scene-options"
+    ):
         options.start(text)
     from petsc4py import PETSc
 
@@ -110,7 +117,14 @@ def test_the_command_line_may_say_all_and_may_trust_a_scene(tmp_path):
 def test_check_and_run_refuse_and_can_be_told_to_trust(tmp_path, command, monkeypatch):
     target = tmp_path / "own.opt"
     target.write_text("# nothing\n")
-    words = [command, "terzaghi", "--set", f"petsc.options=-options_file {target}", "--set", "time.end=no"]
+    words = [
+        command,
+        "terzaghi",
+        "--set",
+        f"petsc.options=-options_file {target}",
+        "--set",
+        "time.end=no",
+    ]
     refused = CliRunner().invoke(cli, words[:-2])
     assert refused.exit_code == 2 and "received -options_file" in refused.stderr
     received = []

@@ -17,7 +17,8 @@ def test_shipped_scene_runs_in_short_form(name, tmp_path):
     history = read_history(tmp_path / "history.csv")
     assert history["t"][-1] == scene.time.end
     assert json.loads((tmp_path / "summary.json").read_text())["exit_code"] == 0
-    # Newton's and the coupling tolerance leave 1e-6 of the forces of every step; their power sums to less than 1e-4 of the work.
+    # Newton's and the coupling tolerance leave 1e-6 of the forces of every step; their power sums
+    # to less than 1e-4 of the work.
     assert summary["energy"]["balance_error_relative"] < 1e-4
     assert load_scene(tmp_path / "scene.toml") == scene
     assert (tmp_path / "histories.png").stat().st_size > 0

@@ -1,4 +1,6 @@
-"""A signal ends every command with one sentence, on one rank or several, before, in and after the time loop; nothing is lost."""
+"""A signal ends every command with one sentence, on one rank or several, before, in and after the
+time loop; nothing is lost.
+"""
 
 import importlib
 import os
@@ -11,13 +13,30 @@ import time
 import fuzz_signals
 import pytest
 from fuzz_signals import Moment
-from running import Job, changes, command, environment, header, history, needs_mpirun, run_here, summary
+from running import (
+    Job,
+    changes,
+    command,
+    environment,
+    header,
+    history,
+    needs_mpirun,
+    run_here,
+    summary,
+)
 
 from porofsi_petsc import load_scene, run, signals
 from porofsi_petsc.errors import Stopped
 from porofsi_petsc.signals import Interrupted, answered_by, interrupt, note, noted, restored
 
-BLOCK = ("expect=[]", "mesh.order=1", "mesh.x.cells=[4, 2, 4]", "mesh.y.cells=[4]", "time.end=0.01", "time.step=1e-3")
+BLOCK = (
+    "expect=[]",
+    "mesh.order=1",
+    "mesh.x.cells=[4, 2, 4]",
+    "mesh.y.cells=[4]",
+    "time.end=0.01",
+    "time.step=1e-3",
+)
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +45,7 @@ def nothing_noted():
     signals.forget()
 
 
-# -- handlers -------------------------------------------------------------------------------------------------------------
+# -- handlers --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("number", signals.ENDING)
@@ -36,7 +55,10 @@ def test_a_note_waits_and_an_interruption_does_not(number):
         signal.raise_signal(number)
         assert noted() == number
     signals.forget()
-    with pytest.raises(Interrupted, match=f"stopped by signal {signal.Signals(number).name}"), answered_by(interrupt):
+    with (
+        pytest.raises(Interrupted, match=f"stopped by signal {signal.Signals(number).name}"),
+        answered_by(interrupt),
+    ):
         signal.raise_signal(number)
     assert noted() == number and signal.getsignal(number) == before
 
@@ -54,7 +76,9 @@ def test_only_a_second_sigint_ends_what_the_first_signal_has_begun_to_end(handle
 
 
 def test_an_import_is_finished_before_the_interruption(tmp_path, monkeypatch):
-    """Python forgets a module whose import is interrupted, and with it that MPI, say, has started."""
+    """Python forgets a module whose import is interrupted, and with it that MPI, say, has
+    started.
+    """
     (tmp_path / "slow_to_import.py").write_text(
         "import signal, time\nsignal.raise_signal(signal.SIGTERM)\ntime.sleep(0.1)\ndone = True\n"
     )
@@ -104,14 +128,18 @@ options.start()
 signal.raise_signal(signal.SIGHUP), signal.raise_signal(signal.SIGPIPE)
 print("alive")
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment(), timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), timeout=60
+    )
     assert done.stdout == "alive\n", done.stderr
 
 
-# -- a run in this process ------------------------------------------------------------------------------------------------
+# -- a run in this process -------------------------------------------------------------------------
 
 
-def test_a_signal_while_figures_are_drawn_leaves_them_out_and_stops_the_next_run(tmp_path, monkeypatch, capsys):
+def test_a_signal_while_figures_are_drawn_leaves_them_out_and_stops_the_next_run(
+    tmp_path, monkeypatch, capsys
+):
     drawn = []
 
     def draw(directory):
@@ -120,16 +148,21 @@ def test_a_signal_while_figures_are_drawn_leaves_them_out_and_stops_the_next_run
         signal.raise_signal(signal.SIGTERM)
         drawn.append("ended")
 
-    monkeypatch.setattr(importlib.import_module("porofsi_petsc.simulation.run"), "make_figures", draw)
+    monkeypatch.setattr(
+        importlib.import_module("porofsi_petsc.simulation.run"), "make_figures", draw
+    )
     scene = load_scene("pulse2d", (*BLOCK, "time.end=2e-3"))
     assert run(scene, tmp_path / "first")["exit_code"] == 0
-    assert f"the figures are left out; porofsi plot {tmp_path / 'first'} draws them" in capsys.readouterr().out
+    assert (
+        f"the figures are left out; porofsi plot {tmp_path / 'first'} draws them"
+        in capsys.readouterr().out
+    )
     with pytest.raises(Stopped, match=r"SIGTERM at t = 0.001 s \(step 1\)"):
         run(scene, tmp_path / "next", quiet=True)
     assert drawn == ["begun"] and summary(tmp_path / "next")["exit_code"] == 4
 
 
-# -- the command line -----------------------------------------------------------------------------------------------------
+# -- the command line ------------------------------------------------------------------------------
 
 WAITING = """
 import sys, time, types
@@ -172,7 +205,9 @@ def ended(process, seconds=60):
 
 def children(pid):
     """Return the process ids of the children of a process, ascending."""
-    found = subprocess.run(["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        ["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True, check=True
+    )
     return sorted(int(word) for word in found.stdout.split())
 
 
@@ -191,12 +226,23 @@ def test_a_signal_during_the_set_up_ends_with_4_and_a_sentence(words, number):
 @pytest.mark.parametrize("receivers", [(0,), (1,), (0, 1)])
 def test_no_rank_hangs_when_one_or_all_are_interrupted_during_the_set_up(sleeper, receivers):
     """One rank waits for the other in a collective call, where Python sees no signal."""
-    process = start(["mpirun", "-n", "2", sys.executable, "-c", WAITING.format(sleeper=sleeper, words=["run", "pulse2d"])])
+    process = start(
+        [
+            "mpirun",
+            "-n",
+            "2",
+            sys.executable,
+            "-c",
+            WAITING.format(sleeper=sleeper, words=["run", "pulse2d"]),
+        ]
+    )
     process.stdout.read(2 * len("ready\n"))
     ranks = children(process.pid)
     for receiver in receivers:
         os.kill(ranks[receiver], signal.SIGINT)
-    if receivers == (1 - sleeper,):  # inside MPI, until the other comes: the next signal is that of somebody who has waited
+    if receivers == (
+        1 - sleeper,
+    ):  # inside MPI, until the other comes: the next signal is that of somebody who has waited
         time.sleep(0.5)
         os.kill(ranks[sleeper], signal.SIGINT)
     code, _, err = ended(process)
@@ -211,10 +257,16 @@ def wait_for_steps(process, folder, count):
 
 
 @pytest.mark.parametrize(
-    "ranks, receivers", [(None, ()), pytest.param(2, (0,), marks=needs_mpirun), pytest.param(2, (0, 1), marks=needs_mpirun)]
+    "ranks, receivers",
+    [
+        (None, ()),
+        pytest.param(2, (0,), marks=needs_mpirun),
+        pytest.param(2, (0, 1), marks=needs_mpirun),
+    ],
 )
 def test_ctrl_c_writes_a_checkpoint_and_a_restart_goes_on(tmp_path, ranks, receivers):
-    out, endless = tmp_path / "run", (*BLOCK, "time.end=100")
+    out = tmp_path / "run"
+    endless = (*BLOCK, "time.end=100")
     process = start(command("pulse2d", out, *changes(endless), ranks=ranks))
     wait_for_steps(process, out, 2)
     family = children(process.pid) if ranks else []
@@ -222,10 +274,20 @@ def test_ctrl_c_writes_a_checkpoint_and_a_restart_goes_on(tmp_path, ranks, recei
         os.kill(pid, signal.SIGINT)
     code, _, err = ended(process)
     stopped = header(out / "checkpoint.h5")
-    assert code == summary(out)["exit_code"] == 4 and err.count("error: stopped by signal SIGINT at t = ") == 1
-    assert stopped["step"] >= 2 and history(out)["t"][-1] == stopped["time"] and not list(out.glob("*.png"))
+    assert (
+        code == summary(out)["exit_code"] == 4
+        and err.count("error: stopped by signal SIGINT at t = ") == 1
+    )
+    assert (
+        stopped["step"] >= 2
+        and history(out)["t"][-1] == stopped["time"]
+        and not list(out.glob("*.png"))
+    )
     more = (*endless, f"time.end={stopped['time'] + 2e-3}")
-    assert run_here(Job("pulse2d", str(out), more, restart=str(out / "checkpoint.h5")))["steps"] == stopped["step"] + 2
+    assert (
+        run_here(Job("pulse2d", str(out), more, restart=str(out / "checkpoint.h5")))["steps"]
+        == stopped["step"] + 2
+    )
 
 
 def test_a_second_ctrl_c_ends_at_once(tmp_path):
@@ -253,13 +315,16 @@ def test_long_commands_end_with_a_sentence(tmp_path, words):
     assert code == 4 and err.startswith("error: stopped by signal SIGINT") and err.count("\n") == 1
 
 
-# -- a sample of scripts/fuzz_signals.py ----------------------------------------------------------------------------------
+# -- a sample of scripts/fuzz_signals.py -----------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """Histories of runs that nobody disturbs, by the number of ranks."""
-    return {ranks: fuzz_signals.undisturbed(tmp_path_factory.mktemp(f"on{ranks}"), ranks) for ranks in (1, 2)}
+    return {
+        ranks: fuzz_signals.undisturbed(tmp_path_factory.mktemp(f"on{ranks}"), ranks)
+        for ranks in (1, 2)
+    }
 
 
 @needs_mpirun

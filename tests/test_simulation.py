@@ -1,4 +1,6 @@
-"""The public interface: a simulation step by step, scenes and loads of Python, results as arrays."""
+"""The public interface: a simulation step by step, scenes and loads of Python, results as
+arrays.
+"""
 
 import numpy as np
 import pytest
@@ -9,9 +11,16 @@ from porofsi_petsc import Simulation, load_scene, read_fields, read_history, run
 from porofsi_petsc.errors import InputError, LimitError
 
 pytestmark = pytest.mark.usefixtures("petsc")
-COLUMN = ("expect=[]", "time.end=0.02", "time.growth=1.0", "time.step=2e-3", "output={ fields_every = 5, checkpoint_every = 5 }")
+COLUMN = (
+    "expect=[]",
+    "time.end=0.02",
+    "time.growth=1.0",
+    "time.step=2e-3",
+    "output={ fields_every = 5, checkpoint_every = 5 }",
+)
 COMM = MPI.COMM_WORLD
-# Of a state that is the same but for the order of sums over ranks: round-off grown by the condition of the systems.
+# Of a state that is the same but for the order of sums over ranks: round-off grown by the condition
+# of the systems.
 RANKS = 1e-8
 
 
@@ -21,7 +30,8 @@ def column(*overrides, comm=MPI.COMM_SELF):
 
 def test_it_gives_what_a_run_writes(tmp_path):
     run_here(Job("terzaghi", str(tmp_path), COLUMN))
-    written, last = read_history(tmp_path / "history.csv"), read_fields(tmp_path)
+    written = read_history(tmp_path / "history.csv")
+    last = read_fields(tmp_path)
     with column() as simulation:
         simulation.run()
         assert simulation.finished and simulation.steps == len(written["t"]) - 1
@@ -39,7 +49,10 @@ def test_it_gives_what_a_run_writes(tmp_path):
 def test_fields_of_a_time_that_was_not_written_are_refused(tmp_path):
     run_here(Job("terzaghi", str(tmp_path), COLUMN))
     assert read_fields(tmp_path, 0.01)["t"] == pytest.approx(0.01, rel=1e-15)
-    with pytest.raises(InputError, match="received the time 0.011 s, expected one that was written; the nearest is 0.01 s"):
+    with pytest.raises(
+        InputError,
+        match="received the time 0.011 s, expected one that was written; the nearest is 0.01 s",
+    ):
         read_fields(tmp_path, 0.011)
     with pytest.raises(InputError, match="no fields of a run"):
         read_fields(tmp_path / "fields")
@@ -62,14 +75,17 @@ def test_until_ends_there_and_nowhere_else():
         assert simulation.history["t"][-1] == 0.005
         simulation.step()
         assert simulation.time == pytest.approx(0.007, rel=1e-14)
-        with pytest.raises(InputError, match="until: received 0.001 s, expected a time from 0.007 s"):
+        with pytest.raises(
+            InputError, match="until: received 0.001 s, expected a time from 0.007 s"
+        ):
             simulation.run(until=1e-3)
         with pytest.raises(InputError, match="to time.end = 0.02 s"):
             simulation.run(until=1.0)
 
 
 def test_every_callback_is_called_and_one_can_end_the_run():
-    seen, always = [], []
+    seen = []
+    always = []
     with column() as simulation:
         simulation.callbacks.append(lambda s: always.append(s.time))
         simulation.run(callbacks=[lambda s: s.steps == 3, lambda s: seen.append(s.steps)])
@@ -96,7 +112,7 @@ def test_a_limit_leaves_the_step_that_passed_it():
         assert simulation.steps == len(simulation.history["t"]) - 1 == 1
 
 
-# -- scenes and loads of Python ---------------------------------------------------------------------------------------------
+# -- scenes and loads of Python --------------------------------------------------------------------
 
 
 def tables(load):
@@ -147,11 +163,23 @@ def test_a_function_of_python_is_a_load_like_its_formula():
 def test_a_run_with_a_function_restarts_by_its_name(tmp_path):
     checkpoint = {"output": {"checkpoint_every": 2}}
     run(load_scene(tables(ramp) | checkpoint, ("time.end=0.01",)), tmp_path, quiet=True)
-    run(load_scene(tables(ramp) | checkpoint), tmp_path, quiet=True, restart=tmp_path / "checkpoint.h5")
+    run(
+        load_scene(tables(ramp) | checkpoint),
+        tmp_path,
+        quiet=True,
+        restart=tmp_path / "checkpoint.h5",
+    )
     assert history(tmp_path)["t"][-1] == 0.02
     with pytest.raises(InputError, match="restart with the same value"):
-        run(tables(lambda t, X: 0.0) | checkpoint, tmp_path, quiet=True, restart=tmp_path / "checkpoint.h5")
-    with pytest.raises(InputError, match=r"the function 'test_simulation\.ramp' of Python, which no file can hold"):
+        run(
+            tables(lambda t, X: 0.0) | checkpoint,
+            tmp_path,
+            quiet=True,
+            restart=tmp_path / "checkpoint.h5",
+        )
+    with pytest.raises(
+        InputError, match=r"the function 'test_simulation\.ramp' of Python, which no file can hold"
+    ):
         load_scene(tmp_path / "scene.toml")
 
 
@@ -173,7 +201,7 @@ def test_a_scene_of_python_is_validated_like_a_file():
         load_scene(broken)
 
 
-# -- communicators ----------------------------------------------------------------------------------------------------------
+# -- communicators ---------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -184,7 +212,9 @@ def test_two_halves_of_the_ranks_run_simulations_of_their_own():
     with Simulation.from_scene("terzaghi", half, overrides=(*COLUMN, *changes)) as simulation:
         simulation.run()
         own = simulation.history["base.p"]
-    with Simulation.from_scene("terzaghi", MPI.COMM_SELF, overrides=(*COLUMN, *changes)) as simulation:
+    with Simulation.from_scene(
+        "terzaghi", MPI.COMM_SELF, overrides=(*COLUMN, *changes)
+    ) as simulation:
         simulation.run()
         np.testing.assert_allclose(own, simulation.history["base.p"], rtol=RANKS)
     half.Free()
@@ -194,13 +224,18 @@ def test_two_halves_of_the_ranks_run_simulations_of_their_own():
 def test_gathered_fields_do_not_depend_on_the_ranks():
     with column(comm=COMM) as simulation:
         simulation.run()
-        found = {name: simulation.fields.gathered(name) for name in ("points", "pressure", "displacement")}
+        found = {
+            name: simulation.fields.gathered(name)
+            for name in ("points", "pressure", "displacement")
+        }
     with column() as alone:
         alone.run()
         expected = {name: alone.fields.gathered(name) for name in found}
     if COMM.rank == 0:
         np.testing.assert_array_equal(found["points"], expected["points"])
         for name in ("pressure", "displacement"):
-            np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=RANKS * np.abs(expected[name]).max())
+            np.testing.assert_allclose(
+                found[name], expected[name], rtol=0, atol=RANKS * np.abs(expected[name]).max()
+            )
     else:
         assert all(array is None for array in found.values())

@@ -1,4 +1,6 @@
-"""Iterative solvers on the matrices of real scenes: bounded under refinement, and invisible to the coupling iteration."""
+"""Iterative solvers on the matrices of real scenes: bounded under refinement, and invisible to the
+coupling iteration.
+"""
 
 from dataclasses import replace
 
@@ -15,12 +17,13 @@ def clean_options():
     options.start()
 
 
-# Coarse and fine mesh; largest number of FGMRES iterations.  On short steps the static part of the undrained term, which acts on
-# what is not linear in an element, is thousands of times the rest of the pressure block: multigrid pays for it on T10 (55 of 3
-# to 5 cells a side).  There odd and even numbers of cells split the loaded edge differently and are not compared.
+# Coarse and fine mesh; largest number of FGMRES iterations.  On short steps the static part of the
+# undrained term, which acts on what is not linear in an element, is thousands of times the rest of
+# the pressure block: multigrid pays for it on T10 (55 of 3 to 5 cells a side).  There odd and even
+# numbers of cells split the loaded edge differently and are not compared.
 MESHES = {(2, 1): (8, 32, 12), (2, 2): (4, 16, 18), (3, 1): (3, 6, 14), (3, 2): (3, 5, 60)}
-# Without hypre GAMG takes up to 2.6 times as many (PETSc 3.25.5: 46 on T6, 104 on T10 at the static part; else 20 at most), as
-# bounded under refinement.
+# Without hypre GAMG takes up to 2.6 times as many (PETSc 3.25.5: 46 on T6, 104 on T10 at the static
+# part; else 20 at most), as bounded under refinement.
 WORSE, MORE = (1.0, 3) if options.has_package("hypre") else (2.6, 5)
 PHYSICS = {
     "free fluid, small step": {"k": 1e-2, "dt": 1e-4},
@@ -43,7 +46,9 @@ def test_iterations_are_bounded_under_refinement(dim, order, physics):
     assert after.solid <= min(20, 1.5 * before.solid + 5)
 
 
-@pytest.mark.skipif(not options.has_package("hypre"), reason="the default without hypre is tested already")
+@pytest.mark.skipif(
+    not options.has_package("hypre"), reason="the default without hypre is tested already"
+)
 @pytest.mark.parametrize("dt", [1e-4, 1e-1])
 def test_gamg_takes_the_place_of_hypre(monkeypatch, dt):
     from porofsi_petsc.linalg import fieldsplit
@@ -56,25 +61,33 @@ def test_gamg_takes_the_place_of_hypre(monkeypatch, dt):
 @pytest.mark.parametrize("dt", [1e-4, 1e-2])
 def test_coupling_takes_as_many_iterations_as_with_direct_solvers(k, dt):
     case = Case(n=12, k=k, dt=dt)
-    direct, iterative = solve(case, direct=True), solve(case, direct=False)
-    # at k = 1e-12 m/s round-off of the drag leaves residuals of 1e-7 with a direct solver too, close to the tolerance of 1e-6
-    assert np.abs(np.subtract(direct.coupling, iterative.coupling)).max() <= (2 if k == 1e-12 else 1)
+    direct = solve(case, direct=True)
+    iterative = solve(case, direct=False)
+    # at k = 1e-12 m/s round-off of the drag leaves residuals of 1e-7 with a direct solver too,
+    # close to the tolerance of 1e-6
+    assert np.abs(np.subtract(direct.coupling, iterative.coupling)).max() <= (
+        2 if k == 1e-12 else 1
+    )
     assert direct.fluid == 1 < iterative.fluid
 
 
 @pytest.mark.parametrize("k, tolerance", [(1e-2, 1e-11), (1e-5, 1e-11)])
 def test_iterative_solvers_do_not_floor_the_coupling(k, tolerance):
     case = Case(n=8, k=k, coupling={"tolerance": tolerance})
-    direct, iterative = solve(case, direct=True), solve(case, direct=False)
+    direct = solve(case, direct=True)
+    iterative = solve(case, direct=False)
     for name in ("u", "v", "p"):
-        a, b = getattr(direct, name), getattr(iterative, name)
-        # residuals of 1e-11 of the largest force, times the condition of the coupled problem (measured: up to 1e-9)
+        a = getattr(direct, name)
+        b = getattr(iterative, name)
+        # residuals of 1e-11 of the largest force, times the condition of the coupled problem
+        # (measured: up to 1e-9)
         assert np.linalg.norm(a - b) < 1e-8 * np.linalg.norm(a), name
 
 
 def test_multigrid_leaves_prescribed_displacements_alone():
     outcome = solve(Case(n=8), direct=False, petsc="-solid_ksp_rtol 1e-2 -fluid_ksp_rtol 1e-2")
-    X, natural = outcome.mesh.X, outcome.mesh.natural
+    X = outcome.mesh.X
+    natural = outcome.mesh.natural
     u = outcome.u[natural]
     assert np.all(u[X[:, 0] == 0, 0] == 0) and np.all(u[X[:, 1] == 0, 1] == 0)
     assert np.abs(u).max() > 0

@@ -1,4 +1,6 @@
-"""Iterative solvers of free fluids: bounded over mesh, step and Reynolds number, equal to factorizations, on any ranks."""
+"""Iterative solvers of free fluids: bounded over mesh, step and Reynolds number, equal to
+factorizations, on any ranks.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,8 @@ from porofsi_petsc.linalg import options
 
 # Coarse and fine mesh.
 MESHES = {"T3": (8, 24), "T6": (4, 12), "T4": (4, 7), "T10": (2, 3)}
-# Largest number of iterations on either mesh; measured 9, 12, 18, 19 and 29 over all elements (docs/solvers.md).
+# Largest number of iterations on either mesh; measured 9, 12, 18, 19 and 29 over all elements
+# (docs/solvers.md).
 FLOWS = {
     "small step": ({"courant": 0.5, "diffusion": 0.1}, 12),
     "Courant number 5": ({"courant": 5.0, "diffusion": 1.0}, 16),
@@ -17,7 +20,8 @@ FLOWS = {
     "steady, Re 1": ({"reynolds": 1.0}, 26),
     "steady, Re 200": ({"reynolds": 200.0}, 40),
 }
-# Without hypre GAMG takes up to 1.5 times as many (PETSc 3.25.5: 36 in steady flow at Re 1, 55 at Re 200).
+# Without hypre GAMG takes up to 1.5 times as many (PETSc 3.25.5: 36 in steady flow at Re 1, 55 at
+# Re 200).
 WORSE = 1.0 if options.has_package("hypre") else 1.5
 TWO_WAY = {"scheme": "partitioned", "accelerator": "iqn_ils"}
 
@@ -42,13 +46,20 @@ def test_iterations_are_bounded_on_a_moving_mesh_whatever_the_interface_conditio
     assert count(Channel("T3", 16, courant=1.0, diffusion=1.0, coupling=coupling, steps=2))[2] <= 14
 
 
-@pytest.mark.parametrize("cells", [("[2,1,5]", "[1,2,1]", "[2,2]"), ("[6,3,15]", "[3,6,3]", "[6,6]")])
+@pytest.mark.parametrize(
+    "cells", [("[2,1,5]", "[1,2,1]", "[2,2]"), ("[6,3,15]", "[3,6,3]", "[6,6]")]
+)
 def test_iterations_of_a_3d_step_with_a_solid_are_bounded_over_the_mesh(tmp_path, cells):
     """Of every solver and of the coupling: at most 10 on 71 000 nodes (docs/scale.md)."""
     mesh = (f"mesh.{axis}.cells={numbers}" for axis, numbers in zip("xyz", cells, strict=True))
-    summary = run_here(Job(str(SCENES / "block_in_channel3d.toml"), str(tmp_path), (*mesh, "time.end=0.1")))
+    summary = run_here(
+        Job(str(SCENES / "block_in_channel3d.toml"), str(tmp_path), (*mesh, "time.end=0.1"))
+    )
     assert summary["coupling_iterations"]["max"] <= 11
-    assert all(summary["linear_iterations"][block]["max"] <= WORSE * 11 for block in ("fluid", "solid", "mesh"))
+    assert all(
+        summary["linear_iterations"][block]["max"] <= WORSE * 11
+        for block in ("fluid", "solid", "mesh")
+    )
 
 
 @pytest.mark.mpi
@@ -60,7 +71,8 @@ def test_solution_is_that_of_a_factorization(element):
     direct, iterative = (solve(case, direct=choice).fluid for choice in (True, False))
     assert direct.solver.iterations_max == 1 < iterative.solver.iterations_max <= 16
     for name in ("v", "p"):
-        a, b = getattr(direct, name), getattr(iterative, name)
+        a = getattr(direct, name)
+        b = getattr(iterative, name)
         # residuals of 1e-10 of the largest force, times the condition of the problem
         assert np.abs(a - b).max() < 1e-8 * np.abs(a).max(), name
 

@@ -1,4 +1,6 @@
-"""Whole small runs by every recipe of configs/petsc equal those with MUMPS, on any number of ranks and with a poor PETSc."""
+"""Whole small runs by every recipe of configs/petsc equal those with MUMPS, on any number of ranks
+and with a poor PETSc.
+"""
 
 import re
 from pathlib import Path
@@ -18,7 +20,13 @@ NAMES = sorted(path.stem for path in RECIPES.glob("*.opt"))
 TIGHT = ("coupling.tolerance=1e-10", "time.end=0.003", "output.checkpoint_every=100")
 PULSE = ("mesh.order=1", "mesh.x.cells=[5, 2, 5]", "mesh.y.cells=[6]", *TIGHT)
 FLOW = ("coupling.tolerance=1e-10", "output.checkpoint_every=100")
-CHANNEL = ("mesh.x.cells=[2,1,5]", "mesh.y.cells=[1,2,1]", "mesh.z.cells=[2,2]", "time.end=0.1", *FLOW)
+CHANNEL = (
+    "mesh.x.cells=[2,1,5]",
+    "mesh.y.cells=[1,2,1]",
+    "mesh.z.cells=[2,2]",
+    "time.end=0.1",
+    *FLOW,
+)
 POROUS = {"2-D": ("pulse2d", PULSE), "3-D": (str(SCENES / "block3d.toml"), TIGHT)}
 TOLD = "coupling.interface=dirichlet_neumann"  # by default another one where all is factored
 FREE = {
@@ -27,10 +35,16 @@ FREE = {
 }
 DIRECT = ("coupling.scheme=direct",)
 MIXTURE = {name: (scene, (*changes, *DIRECT)) for name, (scene, changes) in POROUS.items()}
-# Scenes that have the solver of a recipe, by the first word of its name, and what factors all their matrices.
-RUNS = {"free": (FREE, ("direct",)), "mesh": (FREE, ("direct",)), "mixture": (MIXTURE, ("mixture_direct",))}
+# Scenes that have the solver of a recipe, by the first word of its name, and what factors all their
+# matrices.
+RUNS = {
+    "free": (FREE, ("direct",)),
+    "mesh": (FREE, ("direct",)),
+    "mixture": (MIXTURE, ("mixture_direct",)),
+}
 DEFAULT_RUNS = (POROUS, ("direct",))
-# Coupling residuals of 1e-10 of the largest force, times the condition of the coupled problem (measured: 4e-12 to 2e-9).
+# Coupling residuals of 1e-10 of the largest force, times the condition of the coupled problem
+# (measured: 4e-12 to 2e-9).
 SAME = 2e-8
 
 
@@ -49,7 +63,9 @@ def shared(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def factored(shared):
-    """Return a function of scenes and dimension that gives scene, changes, and the results with MUMPS, made once."""
+    """Return a function of scenes and dimension that gives scene, changes, and the results with
+    MUMPS, made once.
+    """
     if not options.has_package("mumps"):
         pytest.skip("PETSc without MUMPS")
     made = {}
@@ -101,7 +117,9 @@ def test_recipe_gives_the_results_of_mumps(factored, recipe, dimension, shared_p
     assert_same(computed, expected)
     block = next(name for name in ("fluid", "solid", "mesh", "mixture") if name in recipe)
     assert 1 < computed[2]["linear_iterations"][block]["max"] <= 25
-    assert np.abs(computed[0]["coupling_iterations"] - expected[0]["coupling_iterations"]).max() <= 1
+    assert (
+        np.abs(computed[0]["coupling_iterations"] - expected[0]["coupling_iterations"]).max() <= 1
+    )
 
 
 def test_factors_on_disk_give_the_same_results(reference, shared_path):
@@ -112,8 +130,12 @@ def test_factors_on_disk_give_the_same_results(reference, shared_path):
 @pytest.mark.parametrize("recipe", NAMES)
 def test_a_misspelt_option_in_a_recipe_is_an_error(recipe, shared_path):
     require_packages(recipe)
-    scene, changes = RUNS.get("free" if recipe == "direct" else recipe.partition("_")[0], DEFAULT_RUNS)[0]["2-D"]
-    words = [line.split("#")[0].split() for line in (RECIPES / f"{recipe}.opt").read_text().splitlines()]
+    scene, changes = RUNS.get(
+        "free" if recipe == "direct" else recipe.partition("_")[0], DEFAULT_RUNS
+    )[0]["2-D"]
+    words = [
+        line.split("#")[0].split() for line in (RECIPES / f"{recipe}.opt").read_text().splitlines()
+    ]
     words = [word for line in words for word in line]
     first = next(i for i, word in enumerate(words) if word.endswith(("ksp_rtol", "icntl_14")))
     words[first] += "x"

@@ -1,4 +1,6 @@
-"""Steady flows: tangents and steps that nobody chose, stabilization of the flow itself, continuation along the load."""
+"""Steady flows: tangents and steps that nobody chose, stabilization of the flow itself,
+continuation along the load.
+"""
 
 import json
 
@@ -13,9 +15,24 @@ from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.output.history import read_history
 
 SCENE = str(SCENES / "free_fluid.toml")
-STEADY = ("time.scheme=steady", "model.fluid_inertia=false", "model.solid_inertia=false", "time.end=1.0", "time.step=1.0")
-STEADY += ("model.moving_mesh=false", "coupling.tangent=auto", "mesh.order=2", "mesh.x.cells=[6]", "mesh.y.cells=[6]")
-LID = "boundary=[{on=['left','right','bottom'], velocity={x=0, y=0}}, {on='top', velocity={x='16*(x*(1-x))**2', y=0}}]"
+STEADY = (
+    "time.scheme=steady",
+    "model.fluid_inertia=false",
+    "model.solid_inertia=false",
+    "time.end=1.0",
+    "time.step=1.0",
+)
+STEADY += (
+    "model.moving_mesh=false",
+    "coupling.tangent=auto",
+    "mesh.order=2",
+    "mesh.x.cells=[6]",
+    "mesh.y.cells=[6]",
+)
+LID = (
+    "boundary=[{on=['left','right','bottom'], velocity={x=0, y=0}}, {on='top',"
+    " velocity={x='16*(x*(1-x))**2', y=0}}]"
+)
 PROBE = "probe=[{name='a', at=[0.5, 0.5], quantities=['vf_x', 'p']}]"
 
 
@@ -30,20 +47,26 @@ def test_a_steady_flow_does_not_know_in_how_many_steps_it_was_reached(tmp_path):
     _, once = driven(tmp_path, 0.02, "coupling.tolerance=1e-9")
     summary, thrice = driven(tmp_path, 0.02, "coupling.tolerance=1e-9", "time.step=0.34")
     assert summary["steps"] == 3
-    assert thrice["coupling_iterations"][-1] == 0  # the stabilization of the flow is that of the first step already
+    assert (
+        thrice["coupling_iterations"][-1] == 0
+    )  # the stabilization of the flow is that of the first step already
     assert thrice["a.vf_x"][-1] == pytest.approx(once["a.vf_x"][-1], rel=1e-8)
 
 
 def test_newton_takes_a_few_iterations_from_rest_to_a_manufactured_flow():
-    """Without a word of tangents; the derivative of the stabilization parameters is left out, which a few iterations tell."""
+    """Without a word of tangents; the derivative of the stabilization parameters is left out, which
+    a few iterations tell.
+    """
     flow = Flow(2 * y**2 * (3 - 2 * y) + x * y / 5, 1 - x)
     assert solved(flow, *STEADY, "coupling.max_iterations=8").iterations <= 8
 
 
 def test_where_newton_fails_from_rest_a_part_of_the_load_leads_to_the_flow(tmp_path):
-    """Re = 2000 on a mesh of 6 x 6: the iteration from rest diverges to 1e100, through a part of the lid's speed it does not.
+    """Re = 2000 on a mesh of 6 x 6: the iteration from rest diverges to 1e100, through a part of
+    the lid's speed it does not.
 
-    What diverged may leave no mark: neither on the factorization nor on the forces whose round-off passes for a balance.
+    What diverged may leave no mark: neither on the factorization nor on the forces whose round-off
+    passes for a balance.
     """
     summary, history = driven(tmp_path, 1e-3)
     assert summary["load_parts"] >= 2
@@ -56,10 +79,14 @@ def test_where_newton_fails_from_rest_a_part_of_the_load_leads_to_the_flow(tmp_p
 
 
 def test_where_no_path_leads_to_a_flow_the_run_says_how_far_it_came(tmp_path):
-    with pytest.raises(ConvergenceError, match=r"; nor does load continuation, beyond 0\.\d+ of the load; "):
+    with pytest.raises(
+        ConvergenceError, match=r"; nor does load continuation, beyond 0\.\d+ of the load; "
+    ):
         driven(tmp_path, 1e-3, "coupling.max_iterations=7")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["load_parts"] == 0
-    assert read_history(tmp_path / "run" / "history.csv")["t"].tolist() == [0.0]  # parts of a load are no results
+    assert read_history(tmp_path / "run" / "history.csv")["t"].tolist() == [
+        0.0
+    ]  # parts of a load are no results
 
 
 BLOCK = """
@@ -74,13 +101,18 @@ probe = [{ name = "corner", at = [1.0, 1.0], quantities = ["u_x"] }]
 
 
 def test_a_later_step_is_continued_from_the_data_of_the_one_before(tmp_path):
-    """Not from none of them: to half of the load would be further from the state before than the whole step.
+    """Not from none of them: to half of the load would be further from the state before than the
+    whole step.
 
-    The homogeneous state in plane strain, l the stretch s along x under 0.84 along y: mu (s - 1/s) + lambda ln(0.84 s)/s = 0.
+    The homogeneous state in plane strain, l the stretch s along x under 0.84 along y: mu (s - 1/s)
+    + lambda ln(0.84 s)/s = 0.
     """
     (tmp_path / "block.toml").write_text(BLOCK)
     summary = run_here(Job(str(tmp_path / "block.toml"), str(tmp_path / "run")))
     assert summary["load_parts"] >= 2
-    mu, lam = 1e6 / (2 * 1.49), 1e6 * 0.49 / (1.49 * 0.02)
+    mu = 1e6 / (2 * 1.49)
+    lam = 1e6 * 0.49 / (1.49 * 0.02)
     stretch = brentq(lambda s: mu * (s - 1 / s) + lam * np.log(0.84 * s) / s, 1.0, 1.5)
-    assert read_history(tmp_path / "run" / "history.csv")["corner.u_x"][-1] == pytest.approx(stretch - 1, rel=1e-6)
+    assert read_history(tmp_path / "run" / "history.csv")["corner.u_x"][-1] == pytest.approx(
+        stretch - 1, rel=1e-6
+    )

@@ -1,4 +1,6 @@
-"""Standard output and error that are closed, full or read no further: a run goes on, a command that prints says so."""
+"""Standard output and error that are closed, full or read no further: a run goes on, a command that
+prints says so.
+"""
 
 import io
 import subprocess
@@ -15,12 +17,24 @@ PROGRAM = f"{sys.executable} -m porofsi_petsc"
 
 
 def shell(text):
-    """Run a line of the shell, in which the program is the last command or its exit code is printed."""
-    return subprocess.run(["bash", "-c", text], capture_output=True, text=True, env=environment(), timeout=120)
+    """Run a line of the shell, in which the program is the last command or its exit code is
+    printed.
+    """
+    return subprocess.run(
+        ["bash", "-c", text], capture_output=True, text=True, env=environment(), timeout=120
+    )
 
 
 def a_run(folder, *more):
-    return " ".join([PROGRAM, "run pulse2d --output", str(folder), *(f"'{word}'" for word in changes(TINY)), *more])
+    return " ".join(
+        [
+            PROGRAM,
+            "run pulse2d --output",
+            str(folder),
+            *(f"'{word}'" for word in changes(TINY)),
+            *more,
+        ]
+    )
 
 
 @pytest.mark.parametrize("streams", [">&-", "<&- >&- 2>&-", ">/dev/full", ">/dev/full 2>/dev/full"])
@@ -34,14 +48,21 @@ def test_a_reader_that_goes_does_not_end_the_run(tmp_path):
     """PETSc prints too here.  (Under mpirun, that of Open MPI ends the job as by SIGTERM.)"""
     words = a_run(tmp_path / "run", "-- -fluid_ksp_converged_reason")
     done = shell(f"{words} | head -1; echo ${{PIPESTATUS[0]}}")
-    assert done.stdout.splitlines()[1:] == ["0"] and "Traceback" not in done.stderr and "ABORT" not in done.stderr
+    assert (
+        done.stdout.splitlines()[1:] == ["0"]
+        and "Traceback" not in done.stderr
+        and "ABORT" not in done.stderr
+    )
     assert summary(tmp_path / "run")["steps"] == 2
 
 
 @pytest.mark.parametrize("command", ["list", "check terzaghi"])
 def test_a_command_that_cannot_print_says_so(command):
     done = shell(f"{PROGRAM} {command} >/dev/full")
-    assert (done.returncode, done.stderr) == (1, "error: standard output: could not be written (No space left on device)\n")
+    assert (done.returncode, done.stderr) == (
+        1,
+        "error: standard output: could not be written (No space left on device)\n",
+    )
     done = shell(f"{PROGRAM} {command} | true; echo ${{PIPESTATUS[0]}}")
     assert (done.stdout, done.stderr) == ("1\n", "")
 

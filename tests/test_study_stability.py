@@ -1,4 +1,6 @@
-"""The study of the hard cases: what counts as kept, the meshes and watches that it makes, and a sample of it."""
+"""The study of the hard cases: what counts as kept, the meshes and watches that it makes, and a
+sample of it.
+"""
 
 import csv
 from pathlib import Path
@@ -22,7 +24,9 @@ def test_quick_study_finishes_one_case_and_sees_one_refused(tmp_path):
     with (tmp_path / "stability.csv").open(newline="") as file:
         finished, refused = csv.DictReader(file)
     assert (finished["kept"], finished["message"], finished["steps"]) == ("yes", "", "50")
-    assert refused["kept"] == "yes" and refused["message"].startswith("the pores of the skeleton are closed")
+    assert refused["kept"] == "yes" and refused["message"].startswith(
+        "the pores of the skeleton are closed"
+    )
     assert refused["message"] in (tmp_path / "stability.md").read_text()
 
 
@@ -43,13 +47,29 @@ def test_a_step_that_fails_is_cut_and_counted():
     ],
 )
 def test_kept_means_what_is_wanted(monkeypatch, wanted, failure, cuts, kept):
-    monkeypatch.setattr(stability, "attempt", lambda scene, watcher: stability.Outcome(failure, [3], cuts))
-    assert stability.run_case(hard_cases.HardCase("a", "b", lambda folder: None, wanted), Path("unused"))["kept"] == kept
+    monkeypatch.setattr(
+        stability, "attempt", lambda scene, watcher: stability.Outcome(failure, [3], cuts)
+    )
+    assert (
+        stability.run_case(
+            hard_cases.HardCase("a", "b", lambda folder: None, wanted), Path("unused")
+        )["kept"]
+        == kept
+    )
 
 
 def test_energy_that_is_lost_is_not_kept(monkeypatch):
-    monkeypatch.setattr(stability, "attempt", lambda scene, watcher: stability.Outcome(iterations=[3], energy_error=1e-3))
-    assert stability.run_case(hard_cases.HardCase("a", "b", lambda folder: None), Path("unused"))["kept"] == "NO"
+    monkeypatch.setattr(
+        stability,
+        "attempt",
+        lambda scene, watcher: stability.Outcome(iterations=[3], energy_error=1e-3),
+    )
+    assert (
+        stability.run_case(hard_cases.HardCase("a", "b", lambda folder: None), Path("unused"))[
+            "kept"
+        ]
+        == "NO"
+    )
 
 
 def test_names_of_cases_differ():
@@ -57,7 +77,9 @@ def test_names_of_cases_differ():
     assert len(set(keys)) == len(keys)
 
 
-@pytest.mark.parametrize(("growth", "drift", "fine"), [(0, 0, True), (0.01, 0, False), (0, 0.01, False)])
+@pytest.mark.parametrize(
+    ("growth", "drift", "fine"), [(0, 0, True), (0.01, 0, False), (0, 0.01, False)]
+)
 def test_endurance_sees_growth_and_drift(growth, drift, fine):
     watch = hard_cases.Endurance()
     look = watch.begin(None)
@@ -65,7 +87,11 @@ def test_endurance_sees_growth_and_drift(growth, drift, fine):
         energy = SimpleNamespace(kinetic=1 + growth * t, elastic=0.0)
         # 10.4 periods to a quarter of the run: their plain mean alone would be a drift of 0.03
         u = np.array([[0.0, np.sin(20.8 * np.pi * t) + drift * t]])
-        look(None, SimpleNamespace(solid=SimpleNamespace(u=u, mesh=SimpleNamespace(n_owned=1))), energy)
+        look(
+            None,
+            SimpleNamespace(solid=SimpleNamespace(u=u, mesh=SimpleNamespace(n_owned=1))),
+            energy,
+        )
     assert watch.fine == fine
 
 
@@ -73,7 +99,8 @@ def test_a_distorted_mesh_keeps_its_boundary_and_angles(tmp_path):
     mesh = serial_mesh(hard_cases.block(mesh=soil.mesh(8))(tmp_path))
     moved = distort(mesh, 5.0)
     found = angles(moved.points, moved.cells)
-    # a node stops within a halved step of its limit: of the smallest angle of all that is some hundredths of a degree
+    # a node stops within a halved step of its limit: of the smallest angle of all that is some
+    # hundredths of a degree
     assert 5.0 <= found.min() < 5.1 and np.median(found.min(axis=1)) < 30
     assert np.allclose(found.sum(axis=1), 180.0)
     rim = np.unique(np.concatenate([nodes.ravel() for nodes in mesh.facets.values()]))
@@ -84,13 +111,18 @@ def test_a_distorted_mesh_keeps_its_boundary_and_angles(tmp_path):
 def test_a_written_mesh_is_read_again(tmp_path, order):
     regions = soil.layers(2)
     materials = [soil.material(1e-2, region=region["name"]) for region in regions]
-    mesh = serial_mesh(hard_cases.block(mesh=soil.mesh(4, order, regions=regions), materials=materials)(tmp_path))
+    mesh = serial_mesh(
+        hard_cases.block(mesh=soil.mesh(4, order, regions=regions), materials=materials)(tmp_path)
+    )
     write_mesh(tmp_path / "a.msh", mesh)
     again = read_mesh(tmp_path / "a.msh", 2)
     assert np.array_equal(again.points, mesh.points) and again.element == mesh.element
     assert sorted(again.facets) == sorted(mesh.facets)
     for cells, other in (
-        (a.cells[a.cell_region == a.regions.index(name)], b.cells[b.cell_region == b.regions.index(name)])
+        (
+            a.cells[a.cell_region == a.regions.index(name)],
+            b.cells[b.cell_region == b.regions.index(name)],
+        )
         for a, b in [(mesh, again)]
         for name in mesh.regions
     ):

@@ -16,24 +16,46 @@ HEIGHT, POROSITY, DENSITY, FORCE = 1.0, 0.4, 1000.0, 2.0  # [m], [-], [kg/m³], 
 
 def exact(y, viscosity, mobility):
     """Return v_x of 0 = n μ v'' - S v + ρ_f b, v = 0 at both walls, S = n²/mobility."""
-    S, wave = POROSITY**2 / mobility, np.sqrt(POROSITY / mobility / viscosity)
-    return POROSITY * DENSITY * FORCE / S * (1 - np.cosh(wave * (y - HEIGHT / 2)) / np.cosh(wave * HEIGHT / 2))
+    S = POROSITY**2 / mobility
+    wave = np.sqrt(POROSITY / mobility / viscosity)
+    return (
+        POROSITY
+        * DENSITY
+        * FORCE
+        / S
+        * (1 - np.cosh(wave * (y - HEIGHT / 2)) / np.cosh(wave * HEIGHT / 2))
+    )
 
 
 def error(order, cells, viscosity=10.0, mobility=1e-3):
-    """Return the error of v_x in L2, relative, after one quasi-static step on elements of one height."""
+    """Return the error of v_x in L2, relative, after one quasi-static step on elements of one
+    height.
+    """
     start()
-    # one element wide: for order 1 every node lies on the boundary and the skeleton is rigid by its conditions
-    mesh = (f"mesh.order={order}", f"mesh.y.cells=[{cells}]", f"mesh.x.points=[0.0, {HEIGHT / cells}]")
+    # one element wide: for order 1 every node lies on the boundary and the skeleton is rigid by its
+    # conditions
+    mesh = (
+        f"mesh.order={order}",
+        f"mesh.y.cells=[{cells}]",
+        f"mesh.x.points=[0.0, {HEIGHT / cells}]",
+    )
     scene = load_scene(CHANNEL, mesh)
-    assert (scene.material[0].fluid.viscosity, scene.material[0].mobility) == (viscosity, pytest.approx(mobility, rel=1e-14))
+    assert (scene.material[0].fluid.viscosity, scene.material[0].mobility) == (
+        viscosity,
+        pytest.approx(mobility, rel=1e-14),
+    )
     coupling = Simulation(scene, MPI.COMM_SELF).coupling
     schemes, rates = Clock(scene.time).next_schemes(scene.model)
     coupling.step(schemes, rates, 0.0, 1)
     coupling.accept()
-    fluid, domain = coupling.fluid, coupling.fluid.domain
-    v, y = ((domain.mass.N @ domain.gather(field))[..., i] for field, i in ((fluid.v, 0), (domain.mesh.X, 1)))
-    profile, dV = exact(y, viscosity, mobility), domain.reference.dV
+    fluid = coupling.fluid
+    domain = coupling.fluid.domain
+    v, y = (
+        (domain.mass.N @ domain.gather(field))[..., i]
+        for field, i in ((fluid.v, 0), (domain.mesh.X, 1))
+    )
+    profile = exact(y, viscosity, mobility)
+    dV = domain.reference.dV
     return np.sqrt(((v - profile) ** 2 * dV).sum() / (profile**2 * dV).sum())
 
 

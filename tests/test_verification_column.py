@@ -1,4 +1,6 @@
-"""The dynamic column against its exact solution: order of convergence, arrival of the front, balance of energy."""
+"""The dynamic column against its exact solution: order of convergence, arrival of the front,
+balance of energy.
+"""
 
 from dataclasses import replace
 
@@ -18,7 +20,9 @@ SHORT = replace(COLUMN, length=4.0)
 
 
 def errors(directory, refinement):
-    """Run a column of 4 m at a refinement; return the relative errors of u and p at two depths over several times."""
+    """Run a column of 4 m at a refinement; return the relative errors of u and p at two depths over
+    several times.
+    """
     mesh = (
         "mesh.y.points=[6.0, 10.0]",
         f"mesh.y.cells=[{32 * 2**refinement}]",
@@ -27,23 +31,35 @@ def errors(directory, refinement):
         "reference.surface=10.0",
     )
     probes = [
-        f'{{ name = "{name}", at = [0.05, {10 - z}], quantities = ["u_y", "p"] }}' for name, z in (("z05", 0.5), ("z1", 1.0))
+        f'{{ name = "{name}", at = [0.05, {10 - z}], quantities = ["u_y", "p"] }}'
+        for name, z in (("z05", 0.5), ("z1", 1.0))
     ]
     times = ("time.end=0.02", f"time.step={2.5e-4 / 2**refinement}")
-    run_here(Job("column_harmonic", str(directory), (*mesh, *times, f"probe=[{', '.join(probes)}]", *LINEAR)))
-    rows, found = history(directory), []
+    run_here(
+        Job(
+            "column_harmonic",
+            str(directory),
+            (*mesh, *times, f"probe=[{', '.join(probes)}]", *LINEAR),
+        )
+    )
+    rows = history(directory)
+    found = []
     times = np.array([0.012, 0.014, 0.016, 0.018, 0.02])  # ends of steps at every refinement
     at = [int(np.argmin(np.abs(rows["t"] - t))) for t in times]
     assert np.abs(rows["t"][at] - times).max() < 1e-12
     for quantity, index, sign in (("u_y", 0, -1.0), ("p", 1, 1.0)):
         for probe, z in zip(PROBES, (0.5, 1.0), strict=True):
             exact = np.array([SHORT.harmonic(3000.0, OMEGA, z, t)[index].item() for t in times])
-            found.append(np.linalg.norm(sign * rows[f"{probe}.{quantity}"][at] - exact) / np.linalg.norm(exact))
+            found.append(
+                np.linalg.norm(sign * rows[f"{probe}.{quantity}"][at] - exact)
+                / np.linalg.norm(exact)
+            )
     return np.array(found)
 
 
 def test_halving_mesh_and_step_shows_second_order(tmp_path):
-    """The step is a sixth of h/c: near h/c the undrained-limit term, of second order with a large factor, hides the order.
+    """The step is a sixth of h/c: near h/c the undrained-limit term, of second order with a large
+    factor, hides the order.
 
     1.8: what is left of higher orders at 8 and 16 cells per metre.
     """
@@ -74,16 +90,32 @@ def test_the_front_arrives_at_half_a_metre_in_time(tmp_path):
 
 
 def test_energy_is_balanced_and_the_trapezoidal_rule_dissipates_nothing(tmp_path):
-    mesh = ("mesh.y.points=[0.0, 10.0]", "mesh.y.cells=[40]", "mesh.y.ratios=[1.0]", "time.step=1e-3")
+    mesh = (
+        "mesh.y.points=[0.0, 10.0]",
+        "mesh.y.cells=[40]",
+        "mesh.y.ratios=[1.0]",
+        "time.step=1e-3",
+    )
     found = {}
     for rho in (1.0, 0.3):
-        found[rho] = run_here(Job("column_harmonic", str(tmp_path / str(rho)), (*mesh, f"time.rho_inf={rho}", *LINEAR)))["energy"]
+        found[rho] = run_here(
+            Job(
+                "column_harmonic", str(tmp_path / str(rho)), (*mesh, f"time.rho_inf={rho}", *LINEAR)
+            )
+        )["energy"]
         energy = found[rho]
         assert energy["balance_error_relative"] < 1e-8  # the coupling tolerance 1e-9 in every step
-        assert energy["external_work"] > 0 and energy["drag_dissipation"] > 0.5 * energy["external_work"]
+        assert (
+            energy["external_work"] > 0
+            and energy["drag_dissipation"] > 0.5 * energy["external_work"]
+        )
         assert energy["stabilization_dissipation"] >= 0 and energy["viscous_dissipation"] == 0
     work = found[1.0]["external_work"]
-    assert abs(found[1.0]["time_scheme_dissipation"]) < 1e-11 * work  # round-off: the rule is exact for quadratic energies
+    assert (
+        abs(found[1.0]["time_scheme_dissipation"]) < 1e-11 * work
+    )  # round-off: the rule is exact for quadratic energies
     assert 1e-6 * work < found[0.3]["time_scheme_dissipation"] < 1e-2 * work
     parts = ("kinetic", "elastic", "drag_dissipation", "stabilization_dissipation")
-    assert sum(found[1.0][name] for name in parts) == pytest.approx(work, rel=1e-8)  # the coupling tolerance
+    assert sum(found[1.0][name] for name in parts) == pytest.approx(
+        work, rel=1e-8
+    )  # the coupling tolerance

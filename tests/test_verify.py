@@ -15,7 +15,9 @@ SHORT = ("drained_neo_hookean", "drained_ehlers_eipper", "drained_linear_elastic
 
 def test_the_short_drained_cases_pass(tmp_path):
     checks = verify(SHORT, tmp_path)
-    assert {check.case for check in checks} == set(SHORT) and all(check.passed for check in checks), checks
+    assert {check.case for check in checks} == set(SHORT) and all(
+        check.passed for check in checks
+    ), checks
     assert (tmp_path / SHORT[0] / "reference.png").stat().st_size > 0
 
 
@@ -31,7 +33,9 @@ def test_an_order_that_is_missed_fails(tmp_path, monkeypatch):
     """Terzaghi by backward Euler is of first order, not of second."""
     case = CASES["terzaghi_order_dt_euler"]
     levels = tuple((*level, "mesh.y.cells=[8]") for level in case.levels[:2])
-    monkeypatch.setitem(CASES, "wrong", OrderCase("terzaghi", levels, {"u": (2.0, 1.8), "p": (1.0, 0.8)}))
+    monkeypatch.setitem(
+        CASES, "wrong", OrderCase("terzaghi", levels, {"u": (2.0, 1.8), "p": (1.0, 0.8)})
+    )
     u, p = verify(("wrong",), tmp_path)
     assert not u.passed and 0.8 < u.computed < 1.1
     assert p.passed
@@ -54,6 +58,9 @@ def test_the_command_prints_checks_and_ends_with_their_verdict(tmp_path, argumen
     result = complete(words)
     assert result.returncode == code, result.stderr
     if code == 0:
-        assert [check["quantity"] for check in json.loads(result.stdout)] == ["error.u final", "error.p final"]
+        assert [check["quantity"] for check in json.loads(result.stdout)] == [
+            "error.u final",
+            "error.p final",
+        ]
     else:
         assert "terzaghi" in result.stderr

@@ -11,7 +11,9 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def scenes_folder():
-    """Return the folder of the shipped scenes: `scenes` inside an installed package, `configs` beside it in a checkout."""
+    """Return the folder of the shipped scenes: `scenes` inside an installed package, `configs`
+    beside it in a checkout.
+    """
     packaged = _PACKAGE / "scenes"
     return packaged if packaged.is_dir() else _PACKAGE.parent / "configs"
 
@@ -26,9 +28,13 @@ def _shipped():
 
 
 def find_scene(path):
-    """Return the path of a scene file, or of the shipped scene of that name; raise InputError when there is neither."""
+    """Return the path of a scene file, or of the shipped scene of that name; raise InputError when
+    there is neither.
+    """
     path = Path(path)
-    if path.suffix or len(path.parts) != 1 or os.path.isfile(path):  # unlike Path.is_file it knows names that are too long
+    if (
+        path.suffix or len(path.parts) != 1 or os.path.isfile(path)
+    ):  # unlike Path.is_file it knows names that are too long
         return path
     shipped = _shipped()
     if path.name not in shipped:

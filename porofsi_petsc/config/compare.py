@@ -1,4 +1,6 @@
-"""Scenes as a restart compares them: complete, and a table of a load by its numbers, wherever its file lies."""
+"""Scenes as a restart compares them: complete, and a table of a load by its numbers, wherever its
+file lies.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +16,10 @@ class _Named(Expression):
     """A table or a function that is compared, not evaluated: its source is a name for it."""
 
     def __init__(self, kind, name):
-        self.names, self.content, self.function, self.source = frozenset("t"), name, None, {kind: name}
+        self.names = frozenset("t")
+        self.content = name
+        self.function = None
+        self.source = {kind: name}
 
 
 def table_contents(scene: Scene) -> dict:
@@ -23,11 +28,13 @@ def table_contents(scene: Scene) -> dict:
 
 
 def comparable(tables: dict, contents: dict | None) -> dict:
-    """Return the tables of a scene, as `scene_to_toml` writes them, with all defaults and { table = HASH } for its tables.
+    """Return the tables of a scene, as `scene_to_toml` writes them, with all defaults and { table =
+    HASH } for its tables.
 
     A function of Python goes by its name: what it returns is not known here.
 
-    contents : of `table_contents`; None where they are not known: then a table goes by the name of its file.
+    contents : of `table_contents`; None where they are not known: then a table goes by the name of
+    its file.
     """
     return completed(_named(tables, contents, ()))
 

@@ -1,4 +1,6 @@
-"""Entries [[boundary]], [body_force] and [initial]: what is prescribed, where, and what excludes what."""
+"""Entries [[boundary]], [body_force] and [initial]: what is prescribed, where, and what excludes
+what.
+"""
 
 from typing import Annotated
 
@@ -13,10 +15,10 @@ VECTORS = ("displacement", "velocity", "traction")
 class Boundary(Table):
     """Conditions on tagged surfaces; what is absent is free, and impermeable (v_f.n = v_s.n).
 
-    displacement [m], velocity of the fluid phase [m/s], traction of the mixture per reference area [Pa], pressure [Pa], outward
-    seepage flux n_f w.n [m/s]; no_slip: v_f = v_s in all components; backflow: part of the kinetic energy that convection
-    carries in through an open boundary of a free fluid which a traction takes away again; priority: which entry holds at a
-    node of several.
+    displacement [m], velocity of the fluid phase [m/s], traction of the mixture per reference area
+    [Pa], pressure [Pa], outward seepage flux n_f w.n [m/s]; no_slip: v_f = v_s in all components;
+    backflow: part of the kinetic energy that convection carries in through an open boundary of a
+    free fluid which a traction takes away again; priority: which entry holds at a node of several.
     """
 
     on: Tags
@@ -30,8 +32,15 @@ class Boundary(Table):
     priority: Annotated[int, Strict()] = 0
 
     def given(self):
-        """Return the names of what this entry prescribes, such as 'displacement.x' and 'pressure'."""
-        names = [f"{name}.{c}" for name in VECTORS for c in "xyz" if getattr(getattr(self, name), c) is not None]
+        """Return the names of what this entry prescribes, such as 'displacement.x' and
+        'pressure'.
+        """
+        names = [
+            f"{name}.{c}"
+            for name in VECTORS
+            for c in "xyz"
+            if getattr(getattr(self, name), c) is not None
+        ]
         names += [name for name in ("pressure", "flux") if getattr(self, name) is not None]
         return names + ["no_slip"] * self.no_slip + ["backflow"] * (self.backflow > 0)
 
@@ -55,12 +64,16 @@ class Initial(Table):
 def check_boundaries(boundaries, brinkman, porous):
     """Refuse a quantity prescribed twice on a tag, or beside one that excludes it.
 
-    Without porous materials the phase behind a surface decides what excludes what; see `simulation.sides`.
+    Without porous materials the phase behind a surface decides what excludes what; see
+    `simulation.sides`.
     """
     taken = {}
     for i, boundary in enumerate(boundaries):
         if boundary.no_slip and not brinkman:
-            raise wrong("received true, expected false without model.viscosity = true (Darcy)", f"boundary.{i}.no_slip")
+            raise wrong(
+                "received true, expected false without model.viscosity = true (Darcy)",
+                f"boundary.{i}.no_slip",
+            )
         if boundary.backflow and porous:
             text = "with porous materials, expected an open boundary of a free fluid; leave it out"
             raise wrong(f"received {boundary.backflow:g} {text}", f"boundary.{i}.backflow")
@@ -69,7 +82,10 @@ def check_boundaries(boundaries, brinkman, porous):
                 for other in (quantity, *(_excluded_by(quantity) if porous else ())):
                     if (tag, other) in taken:
                         first = f"boundary.{taken[tag, other]}.{other}"
-                        text = f"tag '{tag}' has {first} already, which excludes {quantity}; remove one of the two"
+                        text = (
+                            f"tag '{tag}' has {first} already, which excludes {quantity}; remove"
+                            " one of the two"
+                        )
                         raise wrong(text, f"boundary.{i}.{quantity}")
                 taken[tag, quantity] = i
 
@@ -87,16 +103,29 @@ def _excluded_by(quantity):
 
 
 def check_expressions(section, dim, key, position_only=False):
-    """Refuse components and variables beyond the dimension, and t where only the position is known; tell each its key."""
+    """Refuse components and variables beyond the dimension, and t where only the position is known;
+    tell each its key.
+    """
     for name in type(section).model_fields:
         value = getattr(section, name)
         if isinstance(value, Vector):
             if dim == 2 and value.z is not None:
-                raise wrong("received a component in a two-dimensional scene, expected only x and y", f"{key}.{name}.z")
+                raise wrong(
+                    "received a component in a two-dimensional scene, expected only x and y",
+                    f"{key}.{name}.z",
+                )
             check_expressions(value, dim, f"{key}.{name}", position_only)
         elif hasattr(value, "names"):
             value.key = f"{key}.{name}"
             if dim == 2 and "z" in value.names:
-                raise wrong(f"received {shown(value.source)} in a two-dimensional scene, expected no z", f"{key}.{name}")
-            if position_only and value.depends_on_time and value.function is None:  # a function gets t = 0
-                raise wrong(f"received {shown(value.source)}, expected a function of position only", f"{key}.{name}")
+                raise wrong(
+                    f"received {shown(value.source)} in a two-dimensional scene, expected no z",
+                    f"{key}.{name}",
+                )
+            if (
+                position_only and value.depends_on_time and value.function is None
+            ):  # a function gets t = 0
+                raise wrong(
+                    f"received {shown(value.source)}, expected a function of position only",
+                    f"{key}.{name}",
+                )

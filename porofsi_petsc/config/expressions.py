@@ -1,4 +1,6 @@
-"""Numbers, formulas of t, x, y, z and tables over time, checked when a scene is loaded and evaluated on many points at once."""
+"""Numbers, formulas of t, x, y, z and tables over time, checked when a scene is loaded and
+evaluated on many points at once.
+"""
 
 import ast
 import math
@@ -29,7 +31,9 @@ def _heaviside(values):
 
 
 def _of_numbers(function):
-    """Return the function of numbers, true 1 and false 0; NumPy adds truth values by "or" and takes their sine in 16 bits."""
+    """Return the function of numbers, true 1 and false 0; NumPy adds truth values by "or" and takes
+    their sine in 16 bits.
+    """
 
     def evaluate(*values):
         return function(*(np.asarray(value, dtype=float) for value in values))
@@ -37,7 +41,8 @@ def _of_numbers(function):
     return evaluate
 
 
-# name: (function of numbers, number of arguments); heaviside(0) = 1, so a load switched on at t = 0 acts at t = 0.
+# name: (function of numbers, number of arguments); heaviside(0) = 1, so a load switched on at t = 0
+# acts at t = 0.
 FUNCTIONS = {
     "sin": (np.sin, 1),
     "cos": (np.cos, 1),
@@ -74,7 +79,9 @@ COMPARISONS = {
     ast.NotEq: np.not_equal,
 }
 LOGIC = {ast.BitAnd: np.logical_and, ast.BitOr: np.logical_or, ast.Invert: np.logical_not}
-OPERATORS = {kind: _of_numbers(function) for kind, function in (ARITHMETIC | COMPARISONS).items()} | LOGIC
+OPERATORS = {
+    kind: _of_numbers(function) for kind, function in (ARITHMETIC | COMPARISONS).items()
+} | LOGIC
 HINTS = {
     ast.BitXor: "write ** for a power",
     ast.BoolOp: "write & and | with each comparison in parentheses",
@@ -82,33 +89,55 @@ HINTS = {
     ast.IfExp: "write where(condition, a, b)",
 }
 SYMBOLS = {ast.BitAnd: "&", ast.BitOr: "|", ast.Invert: "~"}
-SYNTAX = (ast.Expr, ast.BinOp, ast.UnaryOp, ast.Compare, ast.Call, ast.Name, ast.Constant, ast.Load, *OPERATORS)
+SYNTAX = (
+    ast.Expr,
+    ast.BinOp,
+    ast.UnaryOp,
+    ast.Compare,
+    ast.Call,
+    ast.Name,
+    ast.Constant,
+    ast.Load,
+    *OPERATORS,
+)
 
 
 class Expression:
     """A scalar function of time and position.
 
-    value : a number, a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of `FUNCTIONS`, comparisons, which
-        count as 1 and 0 where a number is wanted, and & | ~ between comparisons),
-        or {"table": "load.csv", "column": "force"}: linear between the rows, constant beyond the ends; the first column is t, the
-        column defaults to the second.
-        or a function of Python, (t, X) -> values, for t [s] and points X (n, d) [m], n may be 0: an array (n,) or one number.
+    value : a number, a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of
+    `FUNCTIONS`, comparisons, which
+        count as 1 and 0 where a number is wanted, and & | ~ between comparisons), or {"table":
+        "load.csv", "column": "force"}: linear between the rows, constant beyond the ends; the first
+        column is t, the column defaults to the second. or a function of Python, (t, X) -> values,
+        for t [s] and points X (n, d) [m], n may be 0: an array (n,) or one number.
     folder : where a relative table path starts.
     content : hash of the numbers of a table, None for what is not one.
     Raises InputError when the value is none of these, or the formula fails in a trial at one point.
     """
 
     def __init__(self, value, folder=None):
-        self.names, self.content, self.key, self.function = frozenset(), None, None, None
+        self.names = frozenset()
+        self.content = None
+        self.key = None
+        self.function = None
         if isinstance(value, dict) and FUNCTION in value:
             advice = "give it to load_scene in Python, in a table of the scene"
-            raise InputError(f"received the function {shown(value[FUNCTION])} of Python, which no file can hold; {advice}")
+            raise InputError(
+                f"received the function {shown(value[FUNCTION])} of Python, which no file can hold;"
+                f" {advice}"
+            )
         if isinstance(value, dict):
             self.source, self.content, self._evaluate = table(value, folder)
             self.names = frozenset("t")
         elif callable(value):
-            self.function, self._evaluate = value, _called(value)
-            self.source = {FUNCTION: f"{value.__module__}.{getattr(value, '__qualname__', type(value).__name__)}"}
+            self.function = value
+            self._evaluate = _called(value)
+            self.source = {
+                FUNCTION: (
+                    f"{value.__module__}.{getattr(value, '__qualname__', type(value).__name__)}"
+                )
+            }
             self.names = frozenset(VARIABLES[:3])  # z too where there is one
         elif isinstance(value, str):
             self.source = value
@@ -117,13 +146,18 @@ class Expression:
             self.source = self._number(value)
             self._evaluate = lambda t, x: np.float64(self.source)
         else:
-            raise InputError(f'received {shown(value)}, expected a number, a formula in quotes or {{ table = "file.csv" }}')
+            raise InputError(
+                f"received {shown(value)}, expected a number, a formula in quotes or {{ table ="
+                ' "file.csv" }'
+            )
         if self.is_constant:
             self._number(float(self(0.0, np.zeros((1, 3)))[0]))
 
     @staticmethod
     def _number(value):
-        if not in_range(value):  # before float, which overflows for a whole number of 309 digits; so is NaN
+        if not in_range(
+            value
+        ):  # before float, which overflows for a whole number of 309 digits; so is NaN
             raise InputError(f"received {shown(value)}, expected a finite number, 0 or {RANGE}")
         return float(value)
 
@@ -138,22 +172,34 @@ class Expression:
         return "t" in self.names
 
     def __call__(self, t, x):
-        """Return the values, (n,), at time t [s] and points x, (n, d) [m]; raise InputError where one is not finite or huge."""
+        """Return the values, (n,), at time t [s] and points x, (n, d) [m]; raise InputError where
+        one is not finite or huge.
+        """
         values = np.empty(len(x))
         values[:] = self._evaluate(t, x)
         usable = np.abs(values) <= LARGEST  # NaN is not
         if not usable.all():
             first = int(np.argmin(usable))
-            where = "" if self.is_constant else f" at t = {digits(t)} s, point ({', '.join(map(digits, x[first]))})"
-            received = f"{self.place}expression {shown(self.source)}: received {values[first]:g}{where}"
+            where = (
+                ""
+                if self.is_constant
+                else f" at t = {digits(t)} s, point ({', '.join(map(digits, x[first]))})"
+            )
+            received = (
+                f"{self.place}expression {shown(self.source)}: received {values[first]:g}{where}"
+            )
             raise InputError(f"{received}, expected a finite number of at most {LARGEST:g}")
         if not self.is_constant:  # else refused where it is made
-            values[np.abs(values) < SMALLEST] = 0.0  # the norm of such a load vanishes, which is not zero
+            values[np.abs(values) < SMALLEST] = (
+                0.0  # the norm of such a load vanishes, which is not zero
+            )
         return values
 
     @property
     def place(self):
-        """Return the key of the scene that holds the expression, to begin a sentence with; empty where it is not known."""
+        """Return the key of the scene that holds the expression, to begin a sentence with; empty
+        where it is not known.
+        """
         return f"[{self.key}]: " if self.key else ""
 
     def __eq__(self, other):
@@ -168,7 +214,9 @@ class Expression:
 
 
 def _called(function):
-    """Return the function of (t, x) whose values have the shape that is asked for; raise InputError where they have not."""
+    """Return the function of (t, x) whose values have the shape that is asked for; raise InputError
+    where they have not.
+    """
 
     def evaluate(t, x):
         values = np.asarray(function(t, x), dtype=float)
@@ -181,14 +229,22 @@ def _called(function):
 
 
 def _formula(text):
-    """Return the variables of the formula and a function of (t, x) that evaluates its parsed tree."""
+    """Return the variables of the formula and a function of (t, x) that evaluates its parsed
+    tree.
+    """
     tree = _parse(text)
     names = _check(tree, text)
-    evaluator = simpleeval.SimpleEval(operators=OPERATORS, functions={name: _of_numbers(f) for name, (f, _) in FUNCTIONS.items()})
+    evaluator = simpleeval.SimpleEval(
+        operators=OPERATORS, functions={name: _of_numbers(f) for name, (f, _) in FUNCTIONS.items()}
+    )
     evaluator.nodes[ast.Constant] = lambda node: np.float64(node.value)
 
     def evaluate(t, x):
-        evaluator.names = CONSTANTS | {"t": np.float64(t)} | {name: x[:, i] for i, name in enumerate("xyz"[: x.shape[1]])}
+        evaluator.names = (
+            CONSTANTS
+            | {"t": np.float64(t)}
+            | {name: x[:, i] for i, name in enumerate("xyz"[: x.shape[1]])}
+        )
         try:
             with np.errstate(all="ignore"):
                 return evaluator.eval(text, previously_parsed=tree)
@@ -201,32 +257,48 @@ def _formula(text):
 
 def _parse(text):
     if len(text) > MAX_LENGTH:
-        raise InputError(f"expression of {len(text)} characters, expected at most {MAX_LENGTH}; use a table")
+        raise InputError(
+            f"expression of {len(text)} characters, expected at most {MAX_LENGTH}; use a table"
+        )
     try:
         body = ast.parse(text.strip()).body
     except SyntaxError as error:
-        raise InputError(f"expression {shown(text)} is not a formula: {error.msg} at character {error.offset}") from None
+        raise InputError(
+            f"expression {shown(text)} is not a formula: {error.msg} at character {error.offset}"
+        ) from None
     except (ValueError, RecursionError, MemoryError):
-        raise InputError(f"expression {shown(text)} is not a formula: too deeply nested or with null characters") from None
+        raise InputError(
+            f"expression {shown(text)} is not a formula: too deeply nested or with null characters"
+        ) from None
     if len(body) != 1:
         raise InputError(f"expression {shown(text)}: received {len(body)} formulas, expected one")
     return body[0]
 
 
 def _check(tree, text):
-    """Return the variables used; refuse what is no arithmetic on arrays before anything is evaluated."""
+    """Return the variables used; refuse what is no arithmetic on arrays before anything is
+    evaluated.
+    """
     nodes = list(ast.walk(tree))
     if len(nodes) > MAX_NODES:
-        raise InputError(f"expression {shown(text)} has {len(nodes)} terms, expected at most {MAX_NODES}; use a table")
+        raise InputError(
+            f"expression {shown(text)} has {len(nodes)} terms, expected at most {MAX_NODES}; use a"
+            " table"
+        )
     called = set()
     for node in nodes:
         if not isinstance(node, SYNTAX):
             hint = HINTS.get(type(node), "use + - * / % **, comparisons, & | ~ and functions")
-            raise InputError(f"expression {shown(text)}: {type(node).__name__} is not allowed; {hint}")
+            raise InputError(
+                f"expression {shown(text)}: {type(node).__name__} is not allowed; {hint}"
+            )
         if isinstance(node, ast.Constant):
             _check_constant(node, text)
         if isinstance(node, ast.Compare) and len(node.ops) > 1:
-            raise InputError(f"expression {shown(text)}: a chain of comparisons is not allowed; write (a < b) & (b < c)")
+            raise InputError(
+                f"expression {shown(text)}: a chain of comparisons is not allowed; write (a < b) &"
+                " (b < c)"
+            )
         if isinstance(node, ast.Call):
             called.add(_check_call(node, text))
         _check_logic(node, text)
@@ -237,24 +309,37 @@ def _check(tree, text):
     unknown = sorted(used - set(VARIABLES) - set(CONSTANTS))
     if unknown:
         choices = ", ".join([*VARIABLES, *CONSTANTS])
-        raise InputError(f"expression {shown(text)}: unknown name {shown(unknown[0])}; choose from {choices}")
+        raise InputError(
+            f"expression {shown(text)}: unknown name {shown(unknown[0])}; choose from {choices}"
+        )
     return frozenset(used & set(VARIABLES))
 
 
 def _check_constant(node, text):
     if type(node.value) not in (int, float):
-        raise InputError(f"expression {shown(text)}: received {shown(node.value)}, expected a number")
-    if node.value > sys.float_info.max:  # an integer of 309 digits has no double, 1e309 is infinite already
-        raise InputError(f"expression {shown(text)}: received {shown(node.value)}, expected at most {sys.float_info.max:.1e}")
+        raise InputError(
+            f"expression {shown(text)}: received {shown(node.value)}, expected a number"
+        )
+    if (
+        node.value > sys.float_info.max
+    ):  # an integer of 309 digits has no double, 1e309 is infinite already
+        raise InputError(
+            f"expression {shown(text)}: received {shown(node.value)}, expected at most"
+            f" {sys.float_info.max:.1e}"
+        )
 
 
 def _check_logic(node, text):
-    """Raise InputError where & | ~ stand beside a number: they bind closer than < and >, so that t > 1 & x is t > (1 & x)."""
+    """Raise InputError where & | ~ stand beside a number: they bind closer than < and >, so that t
+    > 1 & x is t > (1 & x).
+    """
     operator = type(getattr(node, "op", None))
     operands = {ast.BinOp: ("left", "right"), ast.UnaryOp: ("operand",)}.get(type(node), ())
     if operator in LOGIC and not all(_is_truth(getattr(node, name)) for name in operands):
         advice = "write comparisons in parentheses beside it, such as (a < b) & (b < c)"
-        raise InputError(f"expression {shown(text)}: received a number beside {SYMBOLS[operator]}; {advice}")
+        raise InputError(
+            f"expression {shown(text)}: received a number beside {SYMBOLS[operator]}; {advice}"
+        )
 
 
 def _is_truth(node):
@@ -265,8 +350,14 @@ def _is_truth(node):
 def _check_call(node, text):
     name = getattr(node.func, "id", None)
     if name not in FUNCTIONS:
-        raise InputError(f"expression {shown(text)}: unknown function {shown(name)}; choose from {', '.join(FUNCTIONS)}")
+        raise InputError(
+            f"expression {shown(text)}: unknown function {shown(name)}; choose from"
+            f" {', '.join(FUNCTIONS)}"
+        )
     arity = FUNCTIONS[name][1]
     if node.keywords or len(node.args) != arity:
-        raise InputError(f"expression {shown(text)}: {name} received {len(node.args)} arguments, expected {arity}")
+        raise InputError(
+            f"expression {shown(text)}: {name} received {len(node.args)} arguments, expected"
+            f" {arity}"
+        )
     return node.func

@@ -8,11 +8,16 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from ..errors import shown
 from .types import Count, Interval, Name, Number, Positive, Table, Text, list_of, wrong
 
-SIDES = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
+SIDES = {
+    2: ("left", "right", "bottom", "top"),
+    3: ("left", "right", "front", "back", "bottom", "top"),
+}
 
 
 class Axis(Table):
-    """Breakpoints [m], cells per segment and the ratio of the last to the first cell of each segment."""
+    """Breakpoints [m], cells per segment and the ratio of the last to the first cell of each
+    segment.
+    """
 
     points: list_of(Number, shortest=2)
     cells: list_of(Count, shortest=1)
@@ -22,12 +27,21 @@ class Axis(Table):
     def _fit_together(self):
         segments = len(self.points) - 1
         if any(b <= a for a, b in zip(self.points, self.points[1:], strict=False)):
-            raise wrong(f"received {shown(list(self.points))}, expected increasing numbers", "points")
+            raise wrong(
+                f"received {shown(list(self.points))}, expected increasing numbers", "points"
+            )
         if len(self.cells) != segments:
-            raise wrong(f"received {len(self.cells)} entries, expected {segments}, one per segment of points", "cells")
+            raise wrong(
+                f"received {len(self.cells)} entries, expected {segments}, one per segment of"
+                " points",
+                "cells",
+            )
         ratios = self.ratios or (1.0,) * segments
         if len(ratios) != segments:
-            raise wrong(f"received {len(ratios)} entries, expected {segments}, one per segment of points", "ratios")
+            raise wrong(
+                f"received {len(ratios)} entries, expected {segments}, one per segment of points",
+                "ratios",
+            )
         return self.model_copy(update={"ratios": ratios})
 
 
@@ -67,7 +81,10 @@ class Generated(Table):
 
     @model_validator(mode="after")
     def _parts_fit(self):
-        for kind, parts, taken in (("patches", self.patches, list(SIDES[self.dim])), ("regions", self.regions, ["all"])):
+        for kind, parts, taken in (
+            ("patches", self.patches, list(SIDES[self.dim])),
+            ("regions", self.regions, ["all"]),
+        ):
             for i, part in enumerate(parts):
                 self._check_part(f"{kind}.{i}", part, taken)
                 taken.append(part.name)
@@ -77,16 +94,24 @@ class Generated(Table):
         if part.name in taken:
             raise wrong(f"received '{part.name}' again, expected a name of its own", f"{key}.name")
         if getattr(part, "side", "top") not in SIDES[self.dim]:
-            raise wrong(f"received {shown(part.side)}, expected one of {', '.join(SIDES[self.dim])}", f"{key}.side")
+            raise wrong(
+                f"received {shown(part.side)}, expected one of {', '.join(SIDES[self.dim])}",
+                f"{key}.side",
+            )
         for axis in "xyz":
             interval = getattr(part, axis)
             if interval is None:
                 continue
             if axis == "z" and self.dim == 2:
-                raise wrong("received an interval in a two-dimensional scene, expected none", f"{key}.z")
+                raise wrong(
+                    "received an interval in a two-dimensional scene, expected none", f"{key}.z"
+                )
             points = getattr(self, axis).points
             if interval[0] < points[0] or interval[1] > points[-1]:
-                raise wrong(f"received {list(interval)}, expected a part of [{points[0]}, {points[-1]}]", f"{key}.{axis}")
+                raise wrong(
+                    f"received {list(interval)}, expected a part of [{points[0]}, {points[-1]}]",
+                    f"{key}.{axis}",
+                )
 
 
 class Rectangle(Generated):

@@ -1,4 +1,6 @@
-"""Load a scene: command line over [smoke] over the file over the defaults; write it back complete."""
+"""Load a scene: command line over [smoke] over the file over the defaults; write it back
+complete.
+"""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -16,14 +18,18 @@ from .schema import Scene
 from .toml import read_toml
 
 
-def load_scene(source: str | os.PathLike | Mapping[str, Any], overrides: Iterable[str] = (), smoke: bool = False) -> Scene:
+def load_scene(
+    source: str | os.PathLike | Mapping[str, Any],
+    overrides: Iterable[str] = (),
+    smoke: bool = False,
+) -> Scene:
     """Return the validated scene with every default resolved.
 
-    source : a TOML file, the name of a shipped scene, or the tables of a scene as a dict, whose relative paths start at the
-    working directory and whose formulas may be functions of Python (`Expression`);
-    overrides : "KEY=VALUE" texts with dotted keys, such as "material.0.permeability.k=1e-5"; smoke : apply the scene's [smoke]
-    table first.
-    Raises InputError, one line per mistake.
+    source : a TOML file, the name of a shipped scene, or the tables of a scene as a dict, whose
+    relative paths start at the working directory and whose formulas may be functions of Python
+    (`Expression`);
+    overrides : "KEY=VALUE" texts with dotted keys, such as "material.0.permeability.k=1e-5"; smoke
+    : apply the scene's [smoke] table first. Raises InputError, one line per mistake.
     """
     if isinstance(source, Mapping):
         return _validated(dict(source), "scene", Path.cwd(), overrides, smoke)
@@ -34,7 +40,9 @@ def load_scene(source: str | os.PathLike | Mapping[str, Any], overrides: Iterabl
 
 
 def _validated(tables, name, folder, overrides, smoke):
-    """Return the scene of some tables; name : of the scene in messages, folder : where its relative paths start."""
+    """Return the scene of some tables; name : of the scene in messages, folder : where its relative
+    paths start.
+    """
     changes = list(_smoke_changes(name, tables)) if smoke else []
     for key, value in changes + [parse_override(text) for text in overrides]:
         tables = apply_override(tables, key, value)
@@ -55,12 +63,16 @@ def _smoke_changes(name, tables):
     if not isinstance(smoke, dict):
         raise InputError(f"{name} [smoke]: received {shown(smoke)}, expected a table")
     if not smoke:
-        raise InputError(f"{name} [smoke]: received nothing, expected the changes that make a short run")
+        raise InputError(
+            f"{name} [smoke]: received nothing, expected the changes that make a short run"
+        )
     return smoke.items()
 
 
 def scene_to_toml(scene):
-    """Return the scene as TOML with every default written out and absolute paths; it loads again to an equal scene."""
+    """Return the scene as TOML with every default written out and absolute paths; it loads again to
+    an equal scene.
+    """
     return tomli_w.dumps(_tables(scene))
 
 
@@ -69,7 +81,9 @@ def _tables(scene):
 
 
 def completed(tables):
-    """Return the tables of a scene with the defaults of keys that it lacks, unchanged where they are no scene any more."""
+    """Return the tables of a scene with the defaults of keys that it lacks, unchanged where they
+    are no scene any more.
+    """
     try:
         return _tables(Scene.model_validate(tables, context={"folder": Path.cwd()}))
     except ValidationError:
@@ -77,9 +91,15 @@ def completed(tables):
 
 
 def _without_empty(tables):
-    """Drop the tables in which nothing is prescribed, and with them noise of the form [boundary.traction]."""
+    """Drop the tables in which nothing is prescribed, and with them noise of the form
+    [boundary.traction].
+    """
     if isinstance(tables, list):
         return [_without_empty(entry) for entry in tables]
     if isinstance(tables, dict):
-        return {key: _without_empty(value) for key, value in tables.items() if _without_empty(value) != {}}
+        return {
+            key: _without_empty(value)
+            for key, value in tables.items()
+            if _without_empty(value) != {}
+        }
     return tables

@@ -1,4 +1,6 @@
-"""Entries [[material]]: a saturated soil, a solid without pores or a free fluid per volume group."""
+"""Entries [[material]]: a saturated soil, a solid without pores or a free fluid per volume
+group.
+"""
 
 from functools import reduce
 from operator import or_
@@ -22,31 +24,47 @@ class OfLaw(Table):
 
     def of_law(self) -> dict[str, float]:
         """Return the parameters of the law by name."""
-        return {name: getattr(self, name) for name in type(self).model_fields if name not in self.common}
+        return {
+            name: getattr(self, name) for name in type(self).model_fields if name not in self.common
+        }
 
     @property
     def common(self) -> set[str]:
         """Return the keys that the table has with every law."""
-        return {name for base in type(self).__mro__[1:] if issubclass(base, OfLaw) for name in base.model_fields}
+        return {
+            name
+            for base in type(self).__mro__[1:]
+            if issubclass(base, OfLaw)
+            for name in base.model_fields
+        }
 
 
 class ByLaw:
-    """The annotation of a field with such a table: a union over the laws of a registry, as it is when the schema is made."""
+    """The annotation of a field with such a table: a union over the laws of a registry, as it is
+    when the schema is made.
+    """
 
     def __init__(self, table: type[OfLaw], registry: Registry):
         """Take the keys of every law and the registry."""
-        self._table, self._registry = table, registry
+        self._table = table
+        self._registry = registry
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         """Return the schema of the union, or None."""
         tables = (_of_law(self._table, name, law) for name, law in self._registry.items())
-        return handler.generate_schema(Annotated[reduce(or_, tables), Field(discriminator="law")] | None)
+        return handler.generate_schema(
+            Annotated[reduce(or_, tables), Field(discriminator="law")] | None
+        )
 
 
 def _of_law(table, name, law):
     """Return the table of one law."""
     keys = {key: _key(entry) for key, entry in parameters(law).items()}
-    return create_model(f"{table.__name__}Of{law.__name__}", __base__=table, law=(Literal[name], ...), **keys)
+    return create_model(
+        f"{table.__name__}Of{law.__name__}", __base__=table, law=(Literal[name], ...), **keys
+    )
 
 
 def _key(entry: Parameter) -> tuple:
@@ -56,7 +74,9 @@ def _key(entry: Parameter) -> tuple:
 
 
 class Solid(OfLaw):
-    """The skeleton: law, Lamé parameters [Pa] (or young [Pa] and poisson) and true density rho_sR [kg/m^3]."""
+    """The skeleton: law, Lamé parameters [Pa] (or young [Pa] and poisson) and true density rho_sR
+    [kg/m^3].
+    """
 
     lambda_: Number | None = Field(None, alias="lambda")
     mu: Positive | None = None
@@ -66,16 +86,27 @@ class Solid(OfLaw):
 
     @model_validator(mode="after")
     def _resolve_lame(self):
-        """Set lambda = E nu / ((1 + nu)(1 - 2 nu)) and mu = E / (2 (1 + nu)); keep lambda and mu where these are given."""
-        given = {name for name in ("lambda_", "mu", "young", "poisson") if getattr(self, name) is not None}
+        """Set lambda = E nu / ((1 + nu)(1 - 2 nu)) and mu = E / (2 (1 + nu)); keep lambda and mu
+        where these are given.
+        """
+        given = {
+            name
+            for name in ("lambda_", "mu", "young", "poisson")
+            if getattr(self, name) is not None
+        }
         if given not in ({"lambda_", "mu"}, {"young", "poisson"}):
             names = ", ".join(sorted(name.rstrip("_") for name in given)) or "none of them"
             raise wrong(f"received {names}, expected either lambda and mu, or young and poisson")
         if given == {"lambda_", "mu"}:
             if 3 * self.lambda_ + 2 * self.mu <= 0:
-                raise wrong(f"received {self.lambda_}, expected more than -2/3 mu (a positive bulk modulus)", "lambda")
+                raise wrong(
+                    f"received {self.lambda_}, expected more than -2/3 mu (a positive bulk"
+                    " modulus)",
+                    "lambda",
+                )
             return self
-        E, nu = self.young, self.poisson
+        E = self.young
+        nu = self.poisson
         lame = {"lambda_": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
         return self.model_copy(update=lame | {"young": None, "poisson": None})
 
@@ -89,7 +120,9 @@ class Fluid(Table):
 
 
 class Permeability(OfLaw):
-    """Darcy coefficient k [m/s] or intrinsic permeability [m^2] in the reference state, and how it follows the deformation."""
+    """Darcy coefficient k [m/s] or intrinsic permeability [m^2] in the reference state, and how it
+    follows the deformation.
+    """
 
     k: Positive | None = None
     intrinsic: Positive | None = None
@@ -102,7 +135,9 @@ class Permeability(OfLaw):
 
 
 class Material(Table):
-    """A saturated porous material of solid, fluid, initial porosity n_f and permeability; or a solid alone, or a fluid alone."""
+    """A saturated porous material of solid, fluid, initial porosity n_f and permeability; or a
+    solid alone, or a fluid alone.
+    """
 
     region: Tags
     porosity: Annotated[Number, Field(ge=THINNEST, lt=1)] | None = None
@@ -119,7 +154,9 @@ class Material(Table):
 
     @property
     def mobility(self):
-        """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state, so that the drag is S = n_f^2 / mobility."""
+        """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state, so that the drag is
+        S = n_f^2 / mobility.
+        """
         if self.permeability.k is not None:
             return self.permeability.k / self.fluid.specific_weight
         return self.permeability.intrinsic / self.fluid.viscosity
@@ -127,15 +164,26 @@ class Material(Table):
     @model_validator(mode="after")
     def _complete(self):
         if self.solid is None and self.fluid is None:
-            raise wrong("received neither solid nor fluid, expected one of them, or both with porosity and permeability")
+            raise wrong(
+                "received neither solid nor fluid, expected one of them, or both with porosity and"
+                " permeability"
+            )
         for name in ("porosity", "permeability"):
             given = getattr(self, name) is not None
             if self.kind == "porous" and not given:
                 raise wrong("received nothing, which a material of solid and fluid needs", name)
             if self.kind != "porous" and given:
-                raise wrong(f"received one with a {self.kind} alone, expected solid and fluid, or no {name}", name)
+                raise wrong(
+                    f"received one with a {self.kind} alone, expected solid and fluid, or no"
+                    f" {name}",
+                    name,
+                )
         if self.kind == "solid" and self.solid.law in PORE_LAWS:
-            raise wrong(f"received '{self.solid.law}', a law of soils, for a solid without pores; choose another", "solid.law")
+            raise wrong(
+                f"received '{self.solid.law}', a law of soils, for a solid without pores; choose"
+                " another",
+                "solid.law",
+            )
         return self
 
     @model_validator(mode="after")
@@ -143,27 +191,46 @@ class Material(Table):
         if self.kind != "porous":
             return self
         if self.permeability.k is not None and self.fluid.specific_weight is None:
-            raise wrong("received nothing, expected a number [N/m^3], which permeability.k needs", "fluid.specific_weight")
+            raise wrong(
+                "received nothing, expected a number [N/m^3], which permeability.k needs",
+                "fluid.specific_weight",
+            )
         if self.permeability.intrinsic is not None and self.fluid.viscosity is None:
-            raise wrong("received nothing, expected a number [Pa s], which permeability.intrinsic needs", "fluid.viscosity")
+            raise wrong(
+                "received nothing, expected a number [Pa s], which permeability.intrinsic needs",
+                "fluid.viscosity",
+            )
         return self
 
 
 def check_materials(materials, brinkman):
-    """Refuse a region with two materials, and a missing viscosity where the Brinkman term needs one."""
+    """Refuse a region with two materials, and a missing viscosity where the Brinkman term needs
+    one.
+    """
     owner = {}
     for i, material in enumerate(materials):
         for region in material.region:
             if region in owner:
-                raise wrong(f"region '{region}' has a material already, material.{owner[region]}", f"material.{i}.region")
+                raise wrong(
+                    f"region '{region}' has a material already, material.{owner[region]}",
+                    f"material.{i}.region",
+                )
             owner[region] = i
         if brinkman and material.fluid and material.fluid.viscosity is None:
             key = f"material.{i}.fluid.viscosity"
-            raise wrong("received nothing, expected a number [Pa s], which model.viscosity needs", key)
+            raise wrong(
+                "received nothing, expected a number [Pa s], which model.viscosity needs", key
+            )
     kinds = {material.kind for material in materials}
     if kinds == {"porous", "solid"}:
         other = next(i for i, material in enumerate(materials) if material.kind == "solid")
-        text = "received a solid without pores beside porous materials, expected a free fluid too, or none of the two"
+        text = (
+            "received a solid without pores beside porous materials, expected a free fluid too, or"
+            " none of the two"
+        )
         raise wrong(text, f"material.{other}")
     if "all" in owner and len(owner) > 1:
-        raise wrong("received 'all' beside other regions, expected 'all' alone", f"material.{owner['all']}.region")
+        raise wrong(
+            "received 'all' beside other regions, expected 'all' alone",
+            f"material.{owner['all']}.region",
+        )

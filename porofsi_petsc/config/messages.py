@@ -27,7 +27,8 @@ EXPECTED = {
 def sentences(where, error, tables):
     """Return one line per error of a pydantic ValidationError, at most ten.
 
-    where : the file; tables : the raw input, which tells real keys from the library's own path entries.
+    where : the file; tables : the raw input, which tells real keys from the library's own path
+    entries.
     """
     errors = error.errors(include_url=False)
     lines = [f"{where} {_sentence(entry, tables)}" for entry in errors[:MAX_SENTENCES]]
@@ -37,7 +38,8 @@ def sentences(where, error, tables):
 
 
 def _sentence(entry, tables):
-    key, text = _key(entry, tables), _text(entry)
+    key = _key(entry, tables)
+    text = _text(entry)
     return f"[{key}]: {text}" if key else f"[scene]: {text}"
 
 
@@ -63,19 +65,25 @@ def _real_parts(location, data, keep_last):
 
 
 def _part(key):
-    """Return a part of a dotted key as it is written, or in quotes where it would not fit into a line."""
+    """Return a part of a dotted key as it is written, or in quotes where it would not fit into a
+    line.
+    """
     text = str(key)
     return text if text.isprintable() and len(text) <= WIDTH else shown(text)
 
 
 def _text(entry):
-    kind, context = entry["type"], entry.get("ctx", {})
+    kind = entry["type"]
+    context = entry.get("ctx", {})
     if kind == "wrong":
         return context["text"]
     if kind in ("missing", "union_tag_not_found"):
         return "received nothing, expected this key, which has no default"
     if kind == "union_tag_invalid":
-        return f"received {shown(context['tag'])}, expected one of {context['expected_tags'].replace(chr(39), '')}"
+        return (
+            f"received {shown(context['tag'])}, expected one of"
+            f" {context['expected_tags'].replace(chr(39), '')}"
+        )
     value = entry["input"]
     value = list(value) if isinstance(value, tuple) else value
     return f"received {shown(value)}, expected {_expected(kind, context, entry['msg'])}"

@@ -9,12 +9,16 @@ LONGEST_INDEX = 9  # digits
 
 
 def parse_override(text):
-    """Return the dotted key and the TOML value of KEY=VALUE; a bare word is a string; raise InputError without '='."""
+    """Return the dotted key and the TOML value of KEY=VALUE; a bare word is a string; raise
+    InputError without '='.
+    """
     key, separator, value = text.partition("=")
     if not separator or not key.strip():
         raise InputError(f"override {shown(text)}: expected KEY=VALUE such as time.end=0.1")
     if not _is_utf8(text):
-        raise InputError(f"override {shown(text)}: received bytes that are not UTF-8, expected text in UTF-8")
+        raise InputError(
+            f"override {shown(text)}: received bytes that are not UTF-8, expected text in UTF-8"
+        )
     parsed = _parse_value(value.strip())
     require_plain(parsed, f"override {shown(text)}")
     return key.strip(), parsed
@@ -37,11 +41,16 @@ def _parse_value(text):
 
 
 def apply_override(tables, key, value):
-    """Return a copy of the tables with the value at the dotted key; tables on the way are made, list entries must exist."""
+    """Return a copy of the tables with the value at the dotted key; tables on the way are made,
+    list entries must exist.
+    """
     tables = copy.deepcopy(tables)
     target, *parts = tables, *key.split(".")
     if len(parts) > DEEPEST:
-        raise InputError(f"override {shown(key)}: received a key of {len(parts)} parts, expected one of docs/scene.md")
+        raise InputError(
+            f"override {shown(key)}: received a key of {len(parts)} parts, expected one of"
+            " docs/scene.md"
+        )
     for done, part in enumerate(parts[:-1]):
         target = _step(target, part, key, parts[:done])
     _assign(target, parts[-1], value, key, parts[:-1])
@@ -66,12 +75,16 @@ def _assign(target, part, value, key, above):
 
 
 def _single(key, above):
-    return InputError(f"override {shown(key)}: {'.'.join(above)} is a single value, not a table or list")
+    return InputError(
+        f"override {shown(key)}: {'.'.join(above)} is a single value, not a table or list"
+    )
 
 
 def _index(target, part, key, above):
     decimal = part.isascii() and part.isdecimal() and len(part) <= LONGEST_INDEX
     if not decimal or int(part) >= len(target):
         received = f"received {shown(part)} below the list {'.'.join(above)}"
-        raise InputError(f"override {shown(key)}: {received}, expected an index below {len(target)}")
+        raise InputError(
+            f"override {shown(key)}: {received}, expected an index below {len(target)}"
+        )
     return int(part)

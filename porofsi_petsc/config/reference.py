@@ -7,7 +7,11 @@ from pydantic import Field, model_validator
 from ..errors import digits, shown
 from .types import Number, Positive, Table, list_of, wrong
 
-FLOWS = ("kovasznay", "taylor_green", "ethier_steinman")  # of a free fluid; the others are of a porous medium
+FLOWS = (
+    "kovasznay",
+    "taylor_green",
+    "ethier_steinman",
+)  # of a free fluid; the others are of a porous medium
 Solution = Literal[
     "column_step",
     "column_harmonic",
@@ -58,6 +62,10 @@ class Reference(Table):
     def _check(self, key, needed):
         value = getattr(self, key)
         if needed and value is None:
-            raise wrong(f"received nothing, expected a positive number, which '{self.solution}' needs", key)
+            raise wrong(
+                f"received nothing, expected a positive number, which '{self.solution}' needs", key
+            )
         if value is not None and not needed:
-            raise wrong(f"received {digits(value)}, expected nothing: '{self.solution}' has none", key)
+            raise wrong(
+                f"received {digits(value)}, expected nothing: '{self.solution}' has none", key
+            )

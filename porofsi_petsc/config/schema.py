@@ -37,7 +37,9 @@ def _toml(value):
 
 
 class Scene(Table):
-    """One simulation, frozen and complete; equal scenes have equal content wherever they were loaded from."""
+    """One simulation, frozen and complete; equal scenes have equal content wherever they were
+    loaded from.
+    """
 
     title: Text
     description: Text = ""
@@ -45,7 +47,9 @@ class Scene(Table):
     limits: Limits = Limits()
     time: Time
     material: list_of(Material, shortest=1)
-    model: Model = Field(default=Model(), validate_default=True)  # after what its defaults depend on
+    model: Model = Field(
+        default=Model(), validate_default=True
+    )  # after what its defaults depend on
     boundary: list_of(Boundary) = ()
     body_force: BodyForce = BodyForce()
     initial: Initial = Initial()
@@ -72,8 +76,12 @@ class Scene(Table):
     @property
     def columns(self):
         """Return the names of the quantities that the history records."""
-        probes = [f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities]
-        return probes + [f"{force.name}.f_{axis}" for force in self.force for axis in "xyz"[: self.dim]]
+        probes = [
+            f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities
+        ]
+        return probes + [
+            f"{force.name}.f_{axis}" for force in self.force for axis in "xyz"[: self.dim]
+        ]
 
     @property
     def phases(self):
@@ -83,18 +91,24 @@ class Scene(Table):
 
     @property
     def is_porous(self):
-        """Return whether all materials are porous media; else there are free fluids or solids without pores."""
+        """Return whether all materials are porous media; else there are free fluids or solids
+        without pores.
+        """
         return all(material.kind == "porous" for material in self.material)
 
     @property
     def full_newton(self):
-        """Return whether tangents are new in every iteration: from rest to a steady flow a lagged one is too far away."""
+        """Return whether tangents are new in every iteration: from rest to a steady flow a lagged
+        one is too far away.
+        """
         tangent = self.coupling.tangent
         return tangent == "newton" or (tangent == "auto" and self.time.scheme == "steady")
 
     @property
     def source_path(self):
-        """Return the path of the file the scene was loaded from, None when it was made otherwise."""
+        """Return the path of the file the scene was loaded from, None when it was made
+        otherwise.
+        """
         return self._source_path
 
     @property
@@ -135,15 +149,29 @@ class Scene(Table):
     def _check_kinds(self):
         """Refuse what belongs to porous media in a scene without, and the other way round."""
         if self.is_porous:
-            for name, value in (("coupling.scheme", self.coupling.scheme), ("time.scheme", self.time.scheme)):
+            for name, value in (
+                ("coupling.scheme", self.coupling.scheme),
+                ("time.scheme", self.time.scheme),
+            ):
                 if value in ("weak", "one_way", "steady"):
-                    raise wrong(f"received '{value}' with porous materials, expected it with free fluids and solids only", name)
+                    raise wrong(
+                        f"received '{value}' with porous materials, expected it with free fluids"
+                        " and solids only",
+                        name,
+                    )
             if self.force:
-                raise wrong("received a surface with porous materials, expected a free fluid, which has a force on it", "force.0")
+                raise wrong(
+                    "received a surface with porous materials, expected a free fluid, which has a"
+                    " force on it",
+                    "force.0",
+                )
             return
         for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
             if getattr(self.model, term) == "auto":
-                raise wrong("received 'auto' without porous materials, expected true or false", f"model.{term}")
+                raise wrong(
+                    "received 'auto' without porous materials, expected true or false",
+                    f"model.{term}",
+                )
         self._check_viscosity()
         self._check_moving_mesh()
         if any(material.kind == "porous" for material in self.material):
@@ -155,58 +183,97 @@ class Scene(Table):
                 text = "expected a solid and a free fluid, between which it stands; leave it out"
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
             if self.time.scheme != "generalized_alpha" or not self.model.solid_inertia:
-                text = "expected 'dirichlet_neumann' without inertia of the solid, from which the other conditions are made"
+                text = (
+                    "expected 'dirichlet_neumann' without inertia of the solid, from which the"
+                    " other conditions are made"
+                )
                 raise wrong(f"received '{self.coupling.interface}', {text}", "coupling.interface")
         if self.coupling.interface == "condensed" and self.coupling.scheme in ("weak", "one_way"):
-            text = f"expected 'dirichlet_neumann' with scheme = '{self.coupling.scheme}'; leave it out"
+            text = (
+                f"expected 'dirichlet_neumann' with scheme = '{self.coupling.scheme}'; leave it out"
+            )
             raise wrong(f"received 'condensed', {text}", "coupling.interface")
         if self.model.porosity != "constant":
-            raise wrong(f"received '{self.model.porosity}' without porous materials; leave it out", "model.porosity")
+            raise wrong(
+                f"received '{self.model.porosity}' without porous materials; leave it out",
+                "model.porosity",
+            )
         for i, boundary in enumerate(self.boundary):
             for name in sorted({"pressure", "flux", "no_slip"} & set(boundary.given())):
                 advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
-                raise wrong(f"received one without porous materials; {advice}", f"boundary.{i}.{name}")
+                raise wrong(
+                    f"received one without porous materials; {advice}", f"boundary.{i}.{name}"
+                )
 
     def _check_interfaces(self):
-        """Refuse sides of an interface where there are none, and schemes that need common nodes on it."""
+        """Refuse sides of an interface where there are none, and schemes that need common nodes on
+        it.
+        """
         if not self.interface:
             return
         if {material.kind for material in self.material} != {"solid", "fluid"}:
             text = "expected a free fluid and a solid without pores beside it; leave it out"
             raise wrong(f"received two surfaces without such materials, {text}", "interface.0")
         if self.coupling.scheme in ("quasi_direct", "direct"):
-            text = "with [[interface]], expected 'partitioned', 'weak' or 'one_way', or a mesh with common nodes and none"
+            text = (
+                "with [[interface]], expected 'partitioned', 'weak' or 'one_way', or a mesh with"
+                " common nodes and none"
+            )
             raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
         if self.coupling.interface not in ("auto", "dirichlet_neumann"):
-            text = "with [[interface]], expected 'dirichlet_neumann', or a mesh with common nodes and none"
+            text = (
+                "with [[interface]], expected 'dirichlet_neumann', or a mesh with common nodes and"
+                " none"
+            )
             raise wrong(f"received '{self.coupling.interface}' {text}", "coupling.interface")
         taken = {}
         for i, pair in enumerate(self.interface):
             for side in ("fluid", "solid"):
                 for tag in getattr(pair, side):
                     if tag in taken:
-                        text = f"received '{tag}', which {taken[tag]} has already, expected each surface once"
+                        text = (
+                            f"received '{tag}', which {taken[tag]} has already, expected each"
+                            " surface once"
+                        )
                         raise wrong(text, f"interface.{i}.{side}")
                     taken[tag] = f"interface.{i}.{side}"
 
     def _check_moving_mesh(self):
-        """Refuse a mesh at rest where fluid and solid see each other: the velocity of the solid comes with the mesh."""
+        """Refuse a mesh at rest where fluid and solid see each other: the velocity of the solid
+        comes with the mesh.
+        """
         kinds = {material.kind for material in self.material}
-        if not self.model.moving_mesh and {"fluid", "solid"} <= kinds and self.coupling.scheme != "one_way":
-            text = "received false with a solid beside the fluid, which would not feel its velocity, expected true"
+        if (
+            not self.model.moving_mesh
+            and {"fluid", "solid"} <= kinds
+            and self.coupling.scheme != "one_way"
+        ):
+            text = (
+                "received false with a solid beside the fluid, which would not feel its velocity,"
+                " expected true"
+            )
             raise wrong(f"{text}; or take coupling.scheme = 'one_way'", "model.moving_mesh")
 
     def _check_viscosity(self):
-        """Refuse a free fluid whose viscosity would not be used: without it no wall holds the flow."""
+        """Refuse a free fluid whose viscosity would not be used: without it no wall holds the
+        flow.
+        """
         for i, material in enumerate(self.material):
             if material.kind == "fluid" and material.fluid.viscosity and not self.model.viscosity:
-                received = f"received false with a free fluid of material.{i}.fluid.viscosity = {material.fluid.viscosity:g} Pa s"
-                raise wrong(f"{received}, expected true, or a fluid without viscosity", "model.viscosity")
+                received = (
+                    f"received false with a free fluid of material.{i}.fluid.viscosity ="
+                    f" {material.fluid.viscosity:g} Pa s"
+                )
+                raise wrong(
+                    f"{received}, expected true, or a fluid without viscosity", "model.viscosity"
+                )
 
     def _check_no_porosity(self):
         for i, probe in enumerate(self.probe):
             if "n_f" in probe.quantities:
-                raise wrong("received 'n_f' without porous materials; leave it out", f"probe.{i}.quantities")
+                raise wrong(
+                    "received 'n_f' without porous materials; leave it out", f"probe.{i}.quantities"
+                )
 
     def _check_pores_beside_fluid(self):
         """Refuse what a porous solid that a free fluid flows through does not have."""
@@ -215,22 +282,33 @@ class Scene(Table):
             raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
         for i, material in enumerate(self.material):
             if material.kind == "porous" and material.permeability.law != "constant":
-                text = f"received '{material.permeability.law}' beside a free fluid, expected 'constant'"
+                text = (
+                    f"received '{material.permeability.law}' beside a free fluid, expected"
+                    " 'constant'"
+                )
                 raise wrong(text, f"material.{i}.permeability.law")
 
     def _check_auto(self):
         for term, limit in LIMIT_OF.items():
             if getattr(self.model, term) == "auto" and getattr(self.limits, limit) == "report":
-                text = f"received 'report', expected a positive number, at which model.{term} = 'auto' switches the term on"
+                text = (
+                    f"received 'report', expected a positive number, at which model.{term} = 'auto'"
+                    " switches the term on"
+                )
                 raise wrong(text, f"limits.{limit}")
         if self.model.porosity == "auto" and self.model.moving_mesh is False:
-            text = "received 'auto' with model.moving_mesh = false, where n_s = n_s0/J has no effect; set that to true or 'auto'"
+            text = (
+                "received 'auto' with model.moving_mesh = false, where n_s = n_s0/J has no effect;"
+                " set that to true or 'auto'"
+            )
             raise wrong(text, "model.porosity")
 
     def _check_time_scheme(self):
         present = zip(("solid_inertia", "fluid_inertia"), self.phases, strict=True)
         terms = [term for term, exists in present if exists]
-        if self.time.scheme != "generalized_alpha" and any(getattr(self.model, term) for term in terms):
+        if self.time.scheme != "generalized_alpha" and any(
+            getattr(self.model, term) for term in terms
+        ):
             received = f"received '{self.time.scheme}' with inertia"
             text = f"expected {' and '.join(f'model.{term} = false' for term in terms)}"
             raise wrong(f"{received}, {text}, or scheme = 'generalized_alpha'", "time.scheme")
@@ -239,63 +317,108 @@ class Scene(Table):
         inertia = getattr(self.model, term)
         if self.time.consistent_start and inertia is not True:
             received = f"received true with model.{term} = {_toml(inertia)}"
-            raise wrong(f"{received}, expected a {body} that has an acceleration; leave it out", "time.consistent_start")
+            raise wrong(
+                f"{received}, expected a {body} that has an acceleration; leave it out",
+                "time.consistent_start",
+            )
         if self.time.consistent_start and self.model.fluid_inertia == "auto":
-            text = "received true with model.fluid_inertia = 'auto', expected true or false: the start depends on it"
+            text = (
+                "received true with model.fluid_inertia = 'auto', expected true or false: the start"
+                " depends on it"
+            )
             raise wrong(text, "time.consistent_start")
 
     def _check_mass_scaling(self):
         if self.coupling.mass_scaling is not None and self.model.solid_inertia is not True:
             received = (
-                f"received {shown(self.coupling.mass_scaling)} with model.solid_inertia = {_toml(self.model.solid_inertia)}"
+                f"received {shown(self.coupling.mass_scaling)} with model.solid_inertia ="
+                f" {_toml(self.model.solid_inertia)}"
             )
-            raise wrong(f"{received}, expected a skeleton with a mass to scale; leave it out", "coupling.mass_scaling")
+            raise wrong(
+                f"{received}, expected a skeleton with a mass to scale; leave it out",
+                "coupling.mass_scaling",
+            )
 
     def _check_probes(self):
         names = [probe.name for probe in self.probe]
         for i, force in enumerate(self.force):
             if force.name in names or force.name in [other.name for other in self.force[:i]]:
-                raise wrong(f"received '{force.name}', the name of another probe or force, expected another", f"force.{i}.name")
+                raise wrong(
+                    f"received '{force.name}', the name of another probe or force, expected"
+                    " another",
+                    f"force.{i}.name",
+                )
         for i, probe in enumerate(self.probe):
             if probe.name in names[:i]:
-                text = f"received '{probe.name}', the name of probe.{names.index(probe.name)}, expected another"
+                text = (
+                    f"received '{probe.name}', the name of probe.{names.index(probe.name)},"
+                    " expected another"
+                )
                 raise wrong(text, f"probe.{i}.name")
             if len(probe.at) != self.dim:
-                raise wrong(f"received {len(probe.at)} coordinates, expected {self.dim}", f"probe.{i}.at")
+                raise wrong(
+                    f"received {len(probe.at)} coordinates, expected {self.dim}", f"probe.{i}.at"
+                )
             for quantity in probe.quantities:
                 if self.dim == 2 and quantity.endswith("_z"):
-                    raise wrong(f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities")
+                    raise wrong(
+                        f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities"
+                    )
 
     def _check_reference(self):
         if self.reference is None:
             return
         if len(self.material) != 1:
-            raise wrong(f"received {len(self.material)} materials, expected one, from which the solution is made", "reference")
-        solution, kind = self.reference.solution, self.material[0].kind
+            raise wrong(
+                f"received {len(self.material)} materials, expected one, from which the solution is"
+                " made",
+                "reference",
+            )
+        solution = self.reference.solution
+        kind = self.material[0].kind
         if kind != ("fluid" if solution in FLOWS else "porous"):
             of = "a free fluid" if solution in FLOWS else "a porous medium"
-            text = f"received '{solution}' with a {kind} material, expected {of}; leave the section out"
+            text = (
+                f"received '{solution}' with a {kind} material, expected {of}; leave the"
+                " section out"
+            )
             raise wrong(text, "reference.solution")
         of_one_dimension = {"mandel": 2, "strip_footing": 2, "seabed": 2, "cryer": 3}
         of_one_dimension |= {"kovasznay": 2, "taylor_green": 2, "ethier_steinman": 3}
         if of_one_dimension.get(solution, self.dim) != self.dim:
             words = {2: "two", 3: "three"}
-            raise wrong(f"received '{solution}' in a {words[self.dim]}-dimensional scene", "reference.solution")
+            raise wrong(
+                f"received '{solution}' in a {words[self.dim]}-dimensional scene",
+                "reference.solution",
+            )
         if "error" in [probe.name for probe in self.probe]:
-            raise wrong("received a probe named 'error', expected another name beside [reference]", "probe")
+            raise wrong(
+                "received a probe named 'error', expected another name beside [reference]", "probe"
+            )
         if solution not in FLOWS:
             self._check_soil()
         elif not self.material[0].fluid.viscosity:
-            raise wrong(f"received '{solution}' with a fluid without viscosity, expected one", "reference.solution")
+            raise wrong(
+                f"received '{solution}' with a fluid without viscosity, expected one",
+                "reference.solution",
+            )
 
     def _check_soil(self):
         laws = self.material[0].solid.law, self.material[0].permeability.law
         if self.reference.solution == "xie_leo" and laws != ("xie_leo", "xie_leo"):
             received = f"received 'xie_leo' with the laws '{laws[0]}' and '{laws[1]}'"
-            raise wrong(f"{received}, expected 'xie_leo' for skeleton and permeability", "reference.solution")
-        if self.reference.solution == "selfweight" and getattr(self.body_force.solid, "xyz"[self.dim - 1]) is None:
             raise wrong(
-                "received no vertical body_force.solid, expected the weight that 'selfweight' needs", "reference.solution"
+                f"{received}, expected 'xie_leo' for skeleton and permeability",
+                "reference.solution",
+            )
+        if (
+            self.reference.solution == "selfweight"
+            and getattr(self.body_force.solid, "xyz"[self.dim - 1]) is None
+        ):
+            raise wrong(
+                "received no vertical body_force.solid, expected the weight that 'selfweight'"
+                " needs",
+                "reference.solution",
             )
 
     def _check_expectations(self):
@@ -305,33 +428,52 @@ class Scene(Table):
             recorded += [*vector.get(self.reference.solution, ["error.u"]), "error.p"]
         for i, expect in enumerate(self.expect):
             if expect.quantity not in recorded:
-                text = f"received {shown(expect.quantity)}, which no [[probe]] records; {closest(expect.quantity, recorded)}"
+                text = (
+                    f"received {shown(expect.quantity)}, which no [[probe]] records;"
+                    f" {closest(expect.quantity, recorded)}"
+                )
                 raise wrong(text, f"expect.{i}.quantity")
             self._check_difference(expect, f"expect.{i}.minus")
-            if expect.quantity.startswith("error.") and expect.at is not None and expect.at not in self.reference.times:
+            if (
+                expect.quantity.startswith("error.")
+                and expect.at is not None
+                and expect.at not in self.reference.times
+            ):
                 raise wrong(
-                    f"received {digits(expect.at)}, expected one of reference.times, when errors are taken", f"expect.{i}.at"
+                    f"received {digits(expect.at)}, expected one of reference.times, when errors"
+                    " are taken",
+                    f"expect.{i}.at",
                 )
             if expect.statistic in PERIODIC:
                 self._check_periodic(expect, f"expect.{i}.statistic")
         if self.output.period_of is not None and self.output.period_of not in recorded:
             received = f"received {shown(self.output.period_of)}, which is not recorded"
-            raise wrong(f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of")
+            raise wrong(
+                f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of"
+            )
         self._check_paths(recorded)
 
     def _check_difference(self, expect, where):
         if expect.minus is None:
             return
         if expect.minus not in self.columns:
-            text = f"received {shown(expect.minus)}, which no [[probe]] records; {closest(expect.minus, self.columns)}"
+            text = (
+                f"received {shown(expect.minus)}, which no [[probe]] records;"
+                f" {closest(expect.minus, self.columns)}"
+            )
             raise wrong(text, where)
         if expect.quantity not in self.columns or expect.statistic in PERIODIC:
-            text = f"received '{expect.minus}', expected two columns of history.csv and no statistic of a period; leave it out"
+            text = (
+                f"received '{expect.minus}', expected two columns of history.csv and no statistic"
+                " of a period; leave it out"
+            )
             raise wrong(text, where)
 
     def _check_periodic(self, expect, where):
         if self.output.period_of is None:
-            text = "without output.period_of, expected the column there whose last full period counts"
+            text = (
+                "without output.period_of, expected the column there whose last full period counts"
+            )
             raise wrong(f"received '{expect.statistic}' {text}", where)
         if expect.quantity not in self.columns:
             text = "which is taken at a few times only, expected a column of history.csv"
@@ -340,7 +482,9 @@ class Scene(Table):
     def _check_paths(self, recorded):
         for name in self.figures.paths:
             if not {f"{name}.u_x", f"{name}.u_y"} <= set(recorded):
-                raise wrong(f"received '{name}', expected a probe that records u_x and u_y", "figures.paths")
+                raise wrong(
+                    f"received '{name}', expected a probe that records u_x and u_y", "figures.paths"
+                )
 
 
 def _renew():

@@ -1,4 +1,6 @@
-"""The small sections of a scene: model, limits, time, solver choices, probes, output and expectations."""
+"""The small sections of a scene: model, limits, time, solver choices, probes, output and
+expectations.
+"""
 
 from typing import Annotated, Any, Literal
 
@@ -6,14 +8,31 @@ from pydantic import Field, Strict, model_validator
 
 from ..errors import digits, shown
 from .steps import MOST_STEPS, RESOLUTION, number_of_steps
-from .types import Coefficient, Count, Flag, Limit, Name, Number, Positive, Scaling, Switch, Table, Tags, Text, list_of, wrong
+from .types import (
+    Coefficient,
+    Count,
+    Flag,
+    Limit,
+    Name,
+    Number,
+    Positive,
+    Scaling,
+    Switch,
+    Table,
+    Tags,
+    Text,
+    list_of,
+    wrong,
+)
 
-FINEST_ERROR = 1e-12  # a local error below is that of rounding, a few 1e-16 of u and p, which no step makes smaller
+# a local error below is that of rounding, a few 1e-16 of u and p, which no step makes smaller
+FINEST_ERROR = 1e-12
 QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
 
 
 class Model(Table):
-    """Which terms are solved; what is false is left out, costs nothing and is measured against [limits].
+    """Which terms are solved; what is false is left out, costs nothing and is measured against
+    [limits].
 
     "auto" : left out until it passes its bound, then solved to the end
     """
@@ -28,7 +47,8 @@ class Model(Table):
     def completed(self, materials: tuple, steady: bool) -> "Model":
         """Return the model with other defaults where they are not given.
 
-        Of a free fluid: the equations of Navier and Stokes, on a mesh that follows a solid beside it; steady: no inertia.
+        Of a free fluid: the equations of Navier and Stokes, on a mesh that follows a solid beside
+        it; steady: no inertia.
         """
         free = [material.fluid for material in materials if material.kind == "fluid"]
         beside_solid = bool(free) and len(free) < len(materials)
@@ -40,16 +60,19 @@ class Model(Table):
             "moving_mesh": beside_solid,
         }
         given = self.model_fields_set
-        return self.model_copy(update={name: value for name, value in defaults.items() if name not in given})
+        return self.model_copy(
+            update={name: value for name, value in defaults.items() if name not in given}
+        )
 
 
 class Limits(Table):
     """Bounds that stop the run when a term left out turns out large; "report" only reports it.
 
-    strain: max |E| of a small-strain law; mesh_displacement: max |∇u|, strain and rotation, when the mesh is fixed (beside a free
-    fluid also |u| over its width); reynolds: element Reynolds number without convection; inertia: inertial over largest force
-    without inertia; porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force without the
-    Brinkman term; locking: Poisson ratio of a solid without pores on linear elements.
+    strain: max |E| of a small-strain law; mesh_displacement: max |∇u|, strain and rotation, when
+    the mesh is fixed (beside a free fluid also |u| over its width); reynolds: element Reynolds
+    number without convection; inertia: inertial over largest force without inertia;
+    porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force
+    without the Brinkman term; locking: Poisson ratio of a solid without pores on linear elements.
     """
 
     strain: Limit = 0.05
@@ -73,10 +96,11 @@ LIMIT_OF = {
 
 
 class Time(Table):
-    """End time, first step and its growth per step up to max_step [s]; rho_inf is the spectral radius at infinity.
+    """End time, first step and its growth per step up to max_step [s]; rho_inf is the spectral
+    radius at infinity.
 
-    consistent_start : accelerations and pressure at t = 0 from the balances instead of zero; error_tolerance : the step follows
-    the local error, between min_step and max_step
+    consistent_start : accelerations and pressure at t = 0 from the balances instead of zero;
+    error_tolerance : the step follows the local error, between min_step and max_step
     """
 
     end: Positive
@@ -93,34 +117,57 @@ class Time(Table):
     def _controlled(self):
         if self.error_tolerance is not None and self.growth != 1:
             raise wrong(
-                f"received {digits(self.growth)} with time.error_tolerance, which chooses the step; leave it out", "growth"
+                f"received {digits(self.growth)} with time.error_tolerance, which chooses the step;"
+                " leave it out",
+                "growth",
             )
         if self.error_tolerance is None and self.min_step is not None:
             raise wrong(
-                f"received {digits(self.min_step)} s without time.error_tolerance, which would need it; leave it out", "min_step"
+                f"received {digits(self.min_step)} s without time.error_tolerance, which would need"
+                " it; leave it out",
+                "min_step",
             )
         if self.min_step is not None and self.min_step > self.step:
-            raise wrong(f"received {digits(self.min_step)} s, expected at most time.step = {digits(self.step)} s", "min_step")
+            raise wrong(
+                f"received {digits(self.min_step)} s, expected at most time.step ="
+                f" {digits(self.step)} s",
+                "min_step",
+            )
         return self
 
     @model_validator(mode="after")
     def _ordered(self):
         if self.step > self.end:
-            raise wrong(f"received {digits(self.step)} s, expected at most time.end = {digits(self.end)} s", "step")
+            raise wrong(
+                f"received {digits(self.step)} s, expected at most time.end = {digits(self.end)} s",
+                "step",
+            )
         if self.max_step is not None and self.max_step < self.step:
-            raise wrong(f"received {digits(self.max_step)} s, expected at least time.step = {digits(self.step)} s", "max_step")
+            raise wrong(
+                f"received {digits(self.max_step)} s, expected at least time.step ="
+                f" {digits(self.step)} s",
+                "max_step",
+            )
         return self
 
     @model_validator(mode="after")
     def _ends(self):
-        """Refuse steps that would be lost in the digits of the time, or so many that the run does not end."""
+        """Refuse steps that would be lost in the digits of the time, or so many that the run does
+        not end.
+        """
         if self.min_step is not None and self.min_step < RESOLUTION * self.end:
-            text = f"expected at least {RESOLUTION:g} of time.end = {digits(self.end)} s, the round-off of the time"
+            text = (
+                f"expected at least {RESOLUTION:g} of time.end = {digits(self.end)} s, the"
+                " round-off of the time"
+            )
             raise wrong(f"received {digits(self.min_step)} s, {text}", "min_step")
         if self.error_tolerance is None:
             steps = number_of_steps(self.end, self.step, self.growth, self.max_step)
             if steps > MOST_STEPS:
-                text = f"which takes {steps:.1e} steps to time.end = {digits(self.end)} s, expected at most {MOST_STEPS:g}"
+                text = (
+                    f"which takes {steps:.1e} steps to time.end = {digits(self.end)} s, expected at"
+                    f" most {MOST_STEPS:g}"
+                )
                 raise wrong(f"received {digits(self.step)} s, {text}", "step")
         return self
 
@@ -135,13 +182,22 @@ class Stabilization(Table):
 
 
 class Coupling(Table):
-    """The partitioned iteration: split, accelerator and its factor, tolerance on the true residuals, and what ends it."""
+    """The partitioned iteration: split, accelerator and its factor, tolerance on the true
+    residuals, and what ends it.
+    """
 
     scheme: Literal["partitioned", "quasi_direct", "direct", "weak", "one_way"] = "partitioned"
     split: Literal["corrected", "plain"] = "corrected"
     accelerator: Literal["iqn_ils", "aitken", "anderson", "constant", "none", "auto"] = "iqn_ils"
     reuse_steps: Annotated[int, Strict(), Field(ge=0, le=1000)] = 4
-    interface: Literal["auto", "condensed", "dirichlet_neumann", "robin_neumann", "robin_robin", "neumann_dirichlet"] = "auto"
+    interface: Literal[
+        "auto",
+        "condensed",
+        "dirichlet_neumann",
+        "robin_neumann",
+        "robin_robin",
+        "neumann_dirichlet",
+    ] = "auto"
     robin: Coefficient = "auto"
     mass_scaling: Scaling | None = None
     relaxation: Annotated[Number, Field(gt=0, le=2)] | None = None
@@ -154,14 +210,22 @@ class Coupling(Table):
     @model_validator(mode="after")
     def _scaled_where_plain(self):
         if self.mass_scaling is not None and (self.split, self.scheme) != ("plain", "partitioned"):
-            received = f"received {shown(self.mass_scaling)} with split = '{self.split}', scheme = '{self.scheme}'"
-            text = "expected split = 'plain', scheme = 'partitioned': other tangents have their own corrections; leave it out"
+            received = (
+                f"received {shown(self.mass_scaling)} with split = '{self.split}', scheme ="
+                f" '{self.scheme}'"
+            )
+            text = (
+                "expected split = 'plain', scheme = 'partitioned': other tangents have their own"
+                " corrections; leave it out"
+            )
             raise wrong(f"{received}, {text}", "mass_scaling")
         return self
 
 
 class MeshMotion(Table):
-    """How the mesh of a free fluid follows the solid: an elastic law, stiffer on small elements by (V_mean/V)^stiffening."""
+    """How the mesh of a free fluid follows the solid: an elastic law, stiffer on small elements by
+    (V_mean/V)^stiffening.
+    """
 
     law: Literal["linear_elastic", "harmonic", "neo_hookean"] = "neo_hookean"
     poisson: Annotated[Number, Field(gt=-1, lt=0.5)] = 0.3
@@ -184,19 +248,25 @@ class Probe(Table):
     @model_validator(mode="after")
     def _distinct(self):
         if len(set(self.quantities)) < len(self.quantities):
-            raise wrong(f"received {list(self.quantities)}, expected each quantity once", "quantities")
+            raise wrong(
+                f"received {list(self.quantities)}, expected each quantity once", "quantities"
+            )
         return self
 
 
 class Force(Table):
-    """The force of a free fluid or a solid on tagged surfaces, in every step as name.f_x, name.f_y, name.f_z [N]."""
+    """The force of a free fluid or a solid on tagged surfaces, in every step as name.f_x, name.f_y,
+    name.f_z [N].
+    """
 
     name: Name
     on: Tags
 
 
 class Interface(Table):
-    """Two surfaces that lie on each other, of a free fluid and of a solid whose nodes are not the fluid's."""
+    """Two surfaces that lie on each other, of a free fluid and of a solid whose nodes are not the
+    fluid's.
+    """
 
     fluid: Tags
     solid: Tags
@@ -216,7 +286,8 @@ class Output(Table):
 
 
 class Figures(Table):
-    """Times [s] of the field figures, magnification of the displacement (absent: automatic), probes whose path is drawn.
+    """Times [s] of the field figures, magnification of the displacement (absent: automatic), probes
+    whose path is drawn.
 
     cut : a three-dimensional domain is drawn behind the plane y = cut [m] (absent: its middle).
     """
@@ -227,25 +298,45 @@ class Figures(Table):
     cut: Number | None = None
 
 
-# Statistics of the last full period of output.period_of -> what they are of an `output.period.Oscillation`.
-Statistic = Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "period_max", "frequency"]
-PERIODIC = {"period_mean": "mean", "period_amplitude": "amplitude", "period_max": "largest", "frequency": "frequency"}
+# Statistics of the last full period of output.period_of -> what they are of an
+# `output.period.Oscillation`.
+Statistic = Literal[
+    "max", "min", "abs_max", "final", "period_mean", "period_amplitude", "period_max", "frequency"
+]
+PERIODIC = {
+    "period_mean": "mean",
+    "period_amplitude": "amplitude",
+    "period_max": "largest",
+    "frequency": "frequency",
+}
 
 
 class Expect(Table):
-    """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value| (or times scale).
+    """A value a run must reproduce: at a time [s] or as a statistic, within tolerance times |value|
+    (or times scale).
 
     minus : a column that is taken away from the quantity;
-    since : the value is the change from this time [s] to `at`; statistic : of the whole history, PERIODIC ones of its last period
+    since : the value is the change from this time [s] to `at`; statistic : of the whole history,
+    PERIODIC ones of its last period
     """
 
     quantity: Text
     minus: Text | None = None
     at: Annotated[Number, Field(ge=0)] | None = None
     since: Annotated[Number, Field(ge=0)] | None = None
-    statistic: Literal["max", "min", "abs_max", "final", "period_mean", "period_amplitude", "period_max", "frequency"] | None = (
-        None
-    )
+    statistic: (
+        Literal[
+            "max",
+            "min",
+            "abs_max",
+            "final",
+            "period_mean",
+            "period_amplitude",
+            "period_max",
+            "frequency",
+        ]
+        | None
+    ) = None
     value: Number
     tolerance: Positive
     scale: Positive | None = None
@@ -254,11 +345,17 @@ class Expect(Table):
     @model_validator(mode="after")
     def _complete(self):
         if (self.at is None) == (self.statistic is None):
-            raise wrong("expected exactly one of at = TIME and statistic = NAME, both are in docs/scene.md")
+            raise wrong(
+                "expected exactly one of at = TIME and statistic = NAME, both are in docs/scene.md"
+            )
         if self.since is not None and (self.at is None or self.since >= self.at):
             raise wrong(f"received {digits(self.since)}, expected a time before at = TIME", "since")
         if self.value == 0 and self.scale is None:
-            raise wrong("received nothing, expected a positive number, because the value 0 has no relative tolerance", "scale")
+            raise wrong(
+                "received nothing, expected a positive number, because the value 0 has no relative"
+                " tolerance",
+                "scale",
+            )
         return self
 
 

@@ -1,13 +1,19 @@
-"""Which steps of time can be taken: not lost in the digits of the time, and few enough to reach the end."""
+"""Which steps of time can be taken: not lost in the digits of the time, and few enough to reach the
+end.
+"""
 
 from math import inf, log, log1p
 
-RESOLUTION = 1e-12  # smallest step over the time that is reached: t + dt - t is dt to three digits at least
+RESOLUTION = (
+    1e-12  # smallest step over the time that is reached: t + dt - t is dt to three digits at least
+)
 MOST_STEPS = 1e9  # weeks, even where a step takes a millisecond only
 
 
 def number_of_steps(end: float, step: float, growth: float, max_step: float | None) -> float:
-    """Return about how many steps lead to the end: a geometric row of sizes, and equal ones from max_step [s] on."""
+    """Return about how many steps lead to the end: a geometric row of sizes, and equal ones from
+    max_step [s] on.
+    """
     if growth == 1:
         return end / step
     rate = log1p(growth - 1)

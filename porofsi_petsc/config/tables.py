@@ -13,10 +13,18 @@ from .text import read_text
 
 
 def table(value, folder):
-    """Return the resolved source of a {table, column} entry, a hash of its times and values, and the interpolating function."""
+    """Return the resolved source of a {table, column} entry, a hash of its times and values, and
+    the interpolating function.
+    """
     unknown = sorted(set(value) - {"table", "column"})
-    if unknown or not all(isinstance(entry, str) for entry in value.values()) or "table" not in value:
-        raise InputError(f'received {shown(value)}, expected {{ table = "file.csv", column = "name" }}')
+    if (
+        unknown
+        or not all(isinstance(entry, str) for entry in value.values())
+        or "table" not in value
+    ):
+        raise InputError(
+            f'received {shown(value)}, expected {{ table = "file.csv", column = "name" }}'
+        )
     path = _resolved(folder, value["table"])
     times, values = _read_table(path, value.get("column"))
     content = hashlib.sha256(np.stack([times, values]).astype("<f8").tobytes()).hexdigest()[:16]
@@ -31,14 +39,21 @@ def _resolved(folder, name):
 
 
 def _read_table(path, column):
-    """Return the first column (strictly increasing times [s]) and the wanted one of a CSV file, with or without a header."""
+    """Return the first column (strictly increasing times [s]) and the wanted one of a CSV file,
+    with or without a header.
+    """
     rows = _rows(path)
     header = rows.pop(0)[1] if rows and not _is_number(rows[0][1][0]) else []
     _require_columns(rows, header, column, path)
     index = _column(header, column, path)
-    times, values = np.array([_pair(number, row, index, path) for number, row in rows]).reshape(-1, 2).T
+    times, values = (
+        np.array([_pair(number, row, index, path) for number, row in rows]).reshape(-1, 2).T
+    )
     if not len(times) or (np.diff(times) <= 0).any():
-        raise InputError(f"table {path}: expected at least one row and strictly increasing times in the first column")
+        raise InputError(
+            f"table {path}: expected at least one row and strictly increasing times in the first"
+            " column"
+        )
     if not in_range(peak := np.abs(values).max()):
         raise InputError(f"table {path}: the largest value is {peak:g}, expected 0 or {RANGE}")
     return times, values
@@ -46,29 +61,44 @@ def _read_table(path, column):
 
 def _rows(path):
     """Return (line, cells) of every row that is neither empty nor a comment."""
-    text = read_text(path, "table", "numbers in columns", "a relative path starts at the scene's folder")
+    text = read_text(
+        path, "table", "numbers in columns", "a relative path starts at the scene's folder"
+    )
     reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
     try:
         rows = [(reader.line_num, row) for row in reader if row and not row[0].startswith("#")]
     except csv.Error as error:
-        raise InputError(f"table {path}: line {reader.line_num} is no row of a CSV file ({error})") from None
+        raise InputError(
+            f"table {path}: line {reader.line_num} is no row of a CSV file ({error})"
+        ) from None
     for number, row in rows:
         for mark, name in ((";", "semicolons"), ("\t", "tabs")):
             if any(mark in cell for cell in row):
-                text = f"line {number} has {name}, expected commas between columns and points in numbers"
+                text = (
+                    f"line {number} has {name}, expected commas between columns and points in"
+                    " numbers"
+                )
                 raise InputError(f"table {path}: {text}; export the table again so")
     return rows
 
 
 def _require_columns(rows, header, column, path):
-    """Raise InputError unless every row is as long as the header, or as the first row, and the wanted column is clear."""
+    """Raise InputError unless every row is as long as the header, or as the first row, and the
+    wanted column is clear.
+    """
     width = len(header) if header else len(rows[0][1]) if rows else 0
     for number, row in rows:
         if len(row) != width:
             advice = "a number has a decimal point, no comma"
-            raise InputError(f"table {path}: line {number} has {len(row)} columns, expected {width} as in the first; {advice}")
+            raise InputError(
+                f"table {path}: line {number} has {len(row)} columns, expected {width} as in the"
+                f" first; {advice}"
+            )
     if width > 2 and not header and column is None:
-        text = f"received {width} columns without a header, expected time and value (with decimal points, not commas)"
+        text = (
+            f"received {width} columns without a header, expected time and value (with decimal"
+            " points, not commas)"
+        )
         raise InputError(f"table {path}: {text}, or a header and column = NAME")
 
 

@@ -11,8 +11,9 @@ LARGEST_FILE = 2**30  # [bytes] of a scene or a table; a mesh has formats of its
 def read_text(path, what, expected, advice):
     """Return the text of a UTF-8 file, with or without byte-order mark, its lines ended by "\\n".
 
-    what, expected : the words for the file and for its content; advice : what helps where there is none.
-    Raises InputError when it is missing, no regular file (which may be without end), too large, or not UTF-8.
+    what, expected : the words for the file and for its content; advice : what helps where there is
+    none. Raises InputError when it is missing, no regular file (which may be without end), too
+    large, or not UTF-8.
     """
     require_regular(path, what, advice)
     try:
@@ -23,7 +24,10 @@ def read_text(path, what, expected, advice):
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        text = f"byte 0x{data[error.start]:02x} in line {line} is not UTF-8, expected {expected}; save it as UTF-8 text"
+        text = (
+            f"byte 0x{data[error.start]:02x} in line {line} is not UTF-8, expected {expected}; save"
+            " it as UTF-8 text"
+        )
         raise InputError(f"{what} {_name(path)}: {text}") from None
 
 
@@ -33,14 +37,21 @@ def require_regular(path, what, advice):
         status = Path(path).stat()
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{what} {_name(path)} cannot be read: no such file; {advice}") from None
-    except (OSError, ValueError, RuntimeError) as error:  # no permission, a null character, a name too long, links in a circle
+    except (
+        OSError,
+        ValueError,
+        RuntimeError,
+    ) as error:  # no permission, a null character, a name too long, links in a circle
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{what} {_name(path)} cannot be read: {reason}") from None
     kind = "a directory" if stat.S_ISDIR(status.st_mode) else "a device or pipe"
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{what} {_name(path)}: received {kind}, expected a file")
     if status.st_size > LARGEST_FILE:
-        raise InputError(f"{what} {_name(path)}: received {status.st_size} bytes, expected at most {LARGEST_FILE}")
+        raise InputError(
+            f"{what} {_name(path)}: received {status.st_size} bytes, expected at most"
+            f" {LARGEST_FILE}"
+        )
 
 
 def _name(path):

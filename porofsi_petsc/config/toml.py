@@ -16,29 +16,42 @@ DEEPEST = 12  # tables and lists inside each other, twice those of a scene
 
 
 def read_toml(path):
-    """Return the tables of the file; raise InputError when it is missing, no file, not text, not TOML or empty."""
+    """Return the tables of the file; raise InputError when it is missing, no file, not text, not
+    TOML or empty.
+    """
     path = Path(path)
-    text = read_text(path, "scene file", "a scene in TOML", "`porofsi list` shows the shipped scenes")
+    text = read_text(
+        path, "scene file", "a scene in TOML", "`porofsi list` shows the shipped scenes"
+    )
     try:
         tables = tomllib.loads(text)
     except (RecursionError, ValueError) as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     require_plain(tables, str(path))
     if not tables:
-        raise InputError(f"{path}: received an empty file, expected a scene with [mesh], [time] and [[material]]")
+        raise InputError(
+            f"{path}: received an empty file, expected a scene with [mesh], [time] and [[material]]"
+        )
     return tables
 
 
 def require_plain(value, where: str) -> None:
-    """Raise InputError where tables are nested so deep, or whole numbers so long, that no key of a scene can mean them."""
+    """Raise InputError where tables are nested so deep, or whole numbers so long, that no key of a
+    scene can mean them.
+    """
     level = [value]
     for _ in range(DEEPEST):
         numbers = [entry for entry in level if isinstance(entry, int) and abs(entry) > LARGEST]
         if numbers:
-            raise InputError(f"{where}: received {shown(numbers[0])}, expected a number of at most {LARGEST:g}")
+            raise InputError(
+                f"{where}: received {shown(numbers[0])}, expected a number of at most {LARGEST:g}"
+            )
         level = [inner for entry in level for inner in _entries(entry)]
     if level:
-        raise InputError(f"{where}: received tables nested more than {DEEPEST} deep, expected the keys of docs/scene.md")
+        raise InputError(
+            f"{where}: received tables nested more than {DEEPEST} deep, expected the keys of"
+            " docs/scene.md"
+        )
 
 
 def _entries(value):

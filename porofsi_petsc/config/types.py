@@ -33,7 +33,9 @@ def wrong(text, key=""):
 def similar(word, known):
     """Return the known word that an unknown one may stand for, None where there is none."""
     word = word[:LONGEST_NAME]
-    match = [name for name in known if word and name.startswith(word)] or difflib.get_close_matches(word, known, n=1)
+    match = [name for name in known if word and name.startswith(word)] or difflib.get_close_matches(
+        word, known, n=1
+    )
     return match[0] if match else None
 
 
@@ -46,7 +48,9 @@ def closest(word, known):
 class Table(BaseModel):
     """A frozen table of a scene that refuses keys it does not know."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -131,15 +135,21 @@ Positive = Annotated[Number, Field(gt=0)]
 Flag = Annotated[bool, Strict()]
 Count = Annotated[int, Strict(), Field(ge=1, le=MOST)]
 Text = Annotated[str, Strict()]
-Name = Annotated[str, Strict(), Field(pattern=r"^[A-Za-z_][A-Za-z0-9_\-]*$", max_length=LONGEST_NAME)]
-Tag = Annotated[str, Strict(), Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_one_line)]
+Name = Annotated[
+    str, Strict(), Field(pattern=r"^[A-Za-z_][A-Za-z0-9_\-]*$", max_length=LONGEST_NAME)
+]
+Tag = Annotated[
+    str, Strict(), Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_one_line)
+]
 Tags = Annotated[list_of(Tag, shortest=1), BeforeValidator(_one_or_many), AfterValidator(_distinct)]
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 Limit = Annotated[Any, PlainValidator(_positive_or("report"))]
 Scaling = Annotated[Any, PlainValidator(_positive_or("optimal"))]
 Coefficient = Annotated[Any, PlainValidator(_positive_or("auto"))]
 Switch = Annotated[Any, PlainValidator(_switch)]
-Formula = Annotated[Expression, PlainValidator(_expression), PlainSerializer(lambda expression: expression.source)]
+Formula = Annotated[
+    Expression, PlainValidator(_expression), PlainSerializer(lambda expression: expression.source)
+]
 
 
 class Vector(Table):

@@ -1,7 +1,9 @@
-"""Accelerators of a fixed-point iteration x <- F(x): each sees vectors only and returns the next iterate.
+"""Accelerators of a fixed-point iteration x <- F(x): each sees vectors only and returns the next
+iterate.
 
-A vector is distributed, an array of any shape on every rank; `dot(a, b)` is the global inner product, whose weights may change
-from step to step.  `restart` says that the map is another one, `begin_step` that its fixed point is.
+A vector is distributed, an array of any shape on every rank; `dot(a, b)` is the global inner
+product, whose weights may change from step to step.  `restart` says that the map is another one,
+`begin_step` that its fixed point is.
 """
 
 import itertools
@@ -25,7 +27,9 @@ class Plain:
         self.restart()
 
     def columns(self):
-        """Return the vectors that the next step reuses, for a checkpoint: pairs (Δr, ΔF), step by step, the newest last."""
+        """Return the vectors that the next step reuses, for a checkpoint: pairs (Δr, ΔF), step by
+        step, the newest last.
+        """
         return []
 
     def load(self, steps):
@@ -45,20 +49,25 @@ class Constant(Plain):
 
 
 class Aitken(Plain):
-    """Aitken's vector extrapolation, ω_{k+1} = -ω_k r_k·(r_{k+1} - r_k)/|r_{k+1} - r_k|² (Küttler & Wall 2008).
+    """Aitken's vector extrapolation, ω_{k+1} = -ω_k r_k·(r_{k+1} - r_k)/|r_{k+1} - r_k|² (Küttler &
+    Wall 2008).
 
-    ω starts every step at its first value, so that a step does not depend on the ones before, and stays within the guard: one
-    scalar cannot serve a whole spectrum, and a factor fitted to one error component magnifies the others.
+    ω starts every step at its first value, so that a step does not depend on the ones before, and
+    stays within the guard: one scalar cannot serve a whole spectrum, and a factor fitted to one
+    error component magnifies the others.
     """
 
     def __init__(self, dot, relaxation=None, guard=(0.05, 1.6), reuse_steps=0):
         """Take the inner product, the first ω (default 1) and the guard (smallest, largest ω)."""
-        self._dot, self._first, self._guard = dot, 1.0 if relaxation is None else relaxation, guard
+        self._dot = dot
+        self._first = 1.0 if relaxation is None else relaxation
+        self._guard = guard
         self.restart()
 
     def restart(self):
         """Forget the history."""
-        self._omega, self._previous = self._first, None
+        self._omega = self._first
+        self._previous = None
 
     def next(self, x, F):
         """Return the next iterate from x and F = F(x)."""
@@ -74,22 +83,29 @@ class Aitken(Plain):
 
 
 class Anderson(Plain):
-    """Anderson mixing (Walker & Ni 2011): F minus the combination of past differences that minimizes the residual.
+    """Anderson mixing (Walker & Ni 2011): F minus the combination of past differences that
+    minimizes the residual.
 
-    x_{k+1} = F_k - Σ_j γ_j ΔF_j, γ = argmin |r_k - Σ_j γ_j Δr_j|, over the last DEPTH differences; the least squares are solved
-    through its Gram matrix with unit columns, singular values below CUTOFF dropped.
+    x_{k+1} = F_k - Σ_j γ_j ΔF_j, γ = argmin |r_k - Σ_j γ_j Δr_j|, over the last DEPTH differences;
+    the least squares are solved through its Gram matrix with unit columns, singular values below
+    CUTOFF dropped.
     """
 
-    DEPTH, CUTOFF = 12, 1e-12
+    DEPTH = 12
+    CUTOFF = 1e-12
 
     def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
-        """Take the inner product and the factor of the first iteration (default 1); the least squares need no guard."""
-        self._dot, self._first = dot, 1.0 if relaxation is None else relaxation
+        """Take the inner product and the factor of the first iteration (default 1); the least
+        squares need no guard.
+        """
+        self._dot = dot
+        self._first = 1.0 if relaxation is None else relaxation
         self.restart()
 
     def restart(self):
         """Forget the history."""
-        self._last, self._changes = None, []
+        self._last = None
+        self._changes = []
 
     def next(self, x, F):
         """Return the next iterate from x and F = F(x)."""
@@ -100,33 +116,45 @@ class Anderson(Plain):
         change = residual - self._last[0]
         norm = np.sqrt(self._dot(change, change))
         if norm > 0:
-            self._changes = [*self._changes, (change / norm, (F - self._last[1]) / norm)][-self.DEPTH :]
+            self._changes = [*self._changes, (change / norm, (F - self._last[1]) / norm)][
+                -self.DEPTH :
+            ]
         self._last = residual, F
         gram = np.array([[self._dot(a, b) for b, _ in self._changes] for a, _ in self._changes])
         right = np.array([self._dot(a, residual) for a, _ in self._changes])
         gamma = np.linalg.lstsq(gram, right, rcond=self.CUTOFF)[0] if len(right) else []
-        return F - sum((g * change for g, (_, change) in zip(gamma, self._changes, strict=True)), np.zeros_like(F))
+        return F - sum(
+            (g * change for g, (_, change) in zip(gamma, self._changes, strict=True)),
+            np.zeros_like(F),
+        )
 
 
 class QuasiNewton(Plain):
-    """IQN-ILS: Newton's step with the inverse Jacobian of a least-squares model (Degroote, Bathe & Vierendeels 2009).
+    """IQN-ILS: Newton's step with the inverse Jacobian of a least-squares model (Degroote, Bathe &
+    Vierendeels 2009).
 
-    x_{k+1} = F_k + Σ_j c_j ΔF_j, c = argmin |r_k + Σ_j c_j Δr_j|, over the differences of this and the last `reuse_steps` steps.
-    Without reuse these are Anderson's iterates.  What differs: columns survive a step, as long as the map does; and a column of
-    which the newer ones leave less than FILTER is dropped for good (the QR2 filter of Haelterman et al. 2016), where Anderson
-    drops the oldest and cuts small singular values.  The triangular factor is that of the Gram matrix by Cholesky: what the
-    filter keeps is independent enough for it, and a new column costs one inner product with each other instead of a new QR.
-    Without any column, in the first step, x is relaxed.
+    x_{k+1} = F_k + Σ_j c_j ΔF_j, c = argmin |r_k + Σ_j c_j Δr_j|, over the differences of this and
+    the last `reuse_steps` steps. Without reuse these are Anderson's iterates.  What differs:
+    columns survive a step, as long as the map does; and a column of which the newer ones leave less
+    than FILTER is dropped for good (the QR2 filter of Haelterman et al. 2016), where Anderson drops
+    the oldest and cuts small singular values.  The triangular factor is that of the Gram matrix by
+    Cholesky: what the filter keeps is independent enough for it, and a new column costs one inner
+    product with each other instead of a new QR. Without any column, in the first step, x is
+    relaxed.
     """
 
-    # The newer columns know the map better, and what is left of a nearly dependent older one is mostly its curvature and the
-    # tolerance of the sub-solves; 1e-2 as in the source.
+    # The newer columns know the map better, and what is left of a nearly dependent older one is
+    # mostly its curvature and the tolerance of the sub-solves; 1e-2 as in the source.
     FILTER = 1e-2
     COLUMNS = 40  # at most; more cost more inner products than the sweeps they save
 
     def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
-        """Take the inner product, the factor of the first iteration (default 1) and the number of steps to reuse."""
-        self._dot, self._first, self._reused = dot, 1.0 if relaxation is None else relaxation, reuse_steps
+        """Take the inner product, the factor of the first iteration (default 1) and the number of
+        steps to reuse.
+        """
+        self._dot = dot
+        self._first = 1.0 if relaxation is None else relaxation
+        self._reused = reuse_steps
         self.restart()
 
     def restart(self):
@@ -138,20 +166,29 @@ class QuasiNewton(Plain):
         self.load(self.columns())
 
     def columns(self):
-        """Return the columns (Δr, ΔF) of the last `reuse_steps` steps, step by step, for a checkpoint."""
+        """Return the columns (Δr, ΔF) of the last `reuse_steps` steps, step by step, for a
+        checkpoint.
+        """
         kept = [step for step in self._steps if step]
         return kept[max(0, len(kept) - self._reused) :]
 
     def load(self, steps):
         """Start a step with the `columns` of the steps before."""
-        self._steps, self._last, self._gram = [*steps, []], None, None
+        self._steps = [*steps, []]
+        self._last = None
+        self._gram = None
 
     def next(self, x, F):
         """Return the next iterate from x and F = F(x)."""
         residual = F - x
         if self._gram is None:  # the weights of the inner product are those of this step
             changes = [change for step in self._steps for change, _ in step]
-            lower = np.array([[self._dot(a, b) if j <= i else 0.0 for j, b in enumerate(changes)] for i, a in enumerate(changes)])
+            lower = np.array(
+                [
+                    [self._dot(a, b) if j <= i else 0.0 for j, b in enumerate(changes)]
+                    for i, a in enumerate(changes)
+                ]
+            )
             lower = lower.reshape(2 * (len(changes),))
             self._gram = lower + np.tril(lower, -1).T
         if self._last is not None:
@@ -173,14 +210,22 @@ class QuasiNewton(Plain):
         self._gram[-1, :] = self._gram[:, -1] = products
 
     def _filter(self):
-        """Drop the columns that depend on newer ones; return the Cholesky factor of the others, newest first, (n, n)."""
-        kept, factor = [], np.zeros((len(self._gram),) * 2)
+        """Drop the columns that depend on newer ones; return the Cholesky factor of the others,
+        newest first, (n, n).
+        """
+        kept = []
+        factor = np.zeros((len(self._gram),) * 2)
         for j in reversed(range(len(self._gram))):
             n = len(kept)
-            row = solve_triangular(factor[:n, :n], self._gram[kept, j], lower=True) if n else np.zeros(0)
+            row = (
+                solve_triangular(factor[:n, :n], self._gram[kept, j], lower=True)
+                if n
+                else np.zeros(0)
+            )
             rest = self._gram[j, j] - row @ row
             if n < self.COLUMNS and rest > self.FILTER**2 * self._gram[j, j]:
-                factor[n, :n], factor[n, n] = row, np.sqrt(rest)
+                factor[n, :n] = row
+                factor[n, n] = np.sqrt(rest)
                 kept.append(j)
         self._keep(sorted(kept))
         return factor[: len(kept), : len(kept)]
@@ -192,5 +237,11 @@ class QuasiNewton(Plain):
         self._steps = [[pair for pair in step if next(number) in kept] for step in self._steps]
 
 
-ACCELERATORS = {"none": Plain, "constant": Constant, "aitken": Aitken, "anderson": Anderson, "iqn_ils": QuasiNewton}
+ACCELERATORS = {
+    "none": Plain,
+    "constant": Constant,
+    "aitken": Aitken,
+    "anderson": Anderson,
+    "iqn_ils": QuasiNewton,
+}
 ACCELERATORS["auto"] = QuasiNewton  # the fewest sweeps in every scene measured, docs/solvers.md

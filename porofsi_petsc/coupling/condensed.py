@@ -1,29 +1,37 @@
-"""The partitioned iteration in which the fluid knows the whole answer of the solid to a motion of the interface."""
+"""The partitioned iteration in which the fluid knows the whole answer of the solid to a motion of
+the interface.
+"""
 
 from .accelerators import Plain
 from .interface import InterfaceMedium, InterfaceSweep
 
-# Part of the residual that a sweep leaves with tangents that fit: 0.1 to 0.2, that of the motion of the mesh.
+# Part of the residual that a sweep leaves with tangents that fit: 0.1 to 0.2, that of the motion of
+# the mesh.
 TIRED = 0.3
 
 
 class _CondensedSweep(InterfaceSweep):
-    """Robin-Neumann with the solid's stiffness S as the operator: one sweep is a Newton step of solid and fluid together.
+    """Robin-Neumann with the solid's stiffness S as the operator: one sweep is a Newton step of
+    solid and fluid together.
 
         fluid  R_f + R_s + S (v_f - v_s)/c_v = 0        solid  R_s + R_f = S (u_f - u_s)
 
-    with R the residuals on the interface after the interior of the solid is in equilibrium (block elimination): a solid solve
-    under the present force, û; a fluid solve with S/c_v in its matrix, right side -S û on the interface; a solid solve with the
-    force S (δv_f/c_v - û) there, which makes its velocity that of the fluid.  Each phase keeps its own matrix and solver.
-    With the same tangent in all three no added mass and no stiffness ratio is left, so nothing is accelerated: what remains is
-    the motion of the mesh, and what makes tangents old.
+    with R the residuals on the interface after the interior of the solid is in equilibrium (block
+    elimination): a solid solve under the present force, û; a fluid solve with S/c_v in its matrix,
+    right side -S û on the interface; a solid solve with the force S (δv_f/c_v - û) there, which
+    makes its velocity that of the fluid.  Each phase keeps its own matrix and solver. With the same
+    tangent in all three no added mass and no stiffness ratio is left, so nothing is accelerated:
+    what remains is the motion of the mesh, and what makes tangents old.
     """
 
     def __init__(self, *medium, answer):
-        """Take what `Medium` takes, whether tangents are new in every sweep, and the `phases.condensed.CondensedSolid`."""
+        """Take what `Medium` takes, whether tangents are new in every sweep, and the
+        `phases.condensed.CondensedSolid`.
+        """
         *both, full_newton = medium
         super().__init__(*both, lambda dot, name=None: Plain(dot), full_newton)
-        self._answer, self._made = answer, None
+        self._answer = answer
+        self._made = None
 
     @property
     def remedies(self):
@@ -32,17 +40,23 @@ class _CondensedSweep(InterfaceSweep):
 
     def _alternatives(self):
         """Return name -> what to try."""
-        return {name: text for name, text in super()._alternatives().items() if name != "accelerator"}
+        return {
+            name: text for name, text in super()._alternatives().items() if name != "accelerator"
+        }
 
     def _dot(self, a, b):
         return self.dot(a, b)
 
     def _slow(self, iteration):
-        """Return whether a sweep has left more than TIRED of the residual: with fitting tangents it is a Newton step."""
+        """Return whether a sweep has left more than TIRED of the residual: with fitting tangents it
+        is a Newton step.
+        """
         return iteration > self._renewed_at + 1 and self.convergence.contraction > TIRED
 
     def _condense(self, rates):
-        """Put the answer of the solid into the matrix of the fluid where one of the tangents is new."""
+        """Put the answer of the solid into the matrix of the fluid where one of the tangents is
+        new.
+        """
         made = self.solid.assemblies, self.fluid.assemblies
         if made == self._made:
             return
@@ -54,7 +68,8 @@ class _CondensedSweep(InterfaceSweep):
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         self._renew_tangents(iteration, rates)
         self._condense(rates)
-        alone, before = self.solid.solve(-solid_residual.total), self.fluid.flow().velocity
+        alone = self.solid.solve(-solid_residual.total)
+        before = self.fluid.flow().velocity
         self.fluid.correct(fluid_residuals, self._answer.force(-alone))
         moved = (self.fluid.flow().velocity - before)[: len(alone)] / rates.c_v
         self.solid.add(alone + self.solid.solve(self._answer.force(moved - alone)))

@@ -4,58 +4,79 @@ from math import isfinite
 
 from ..errors import SMALLER_STEP, ConvergenceError
 
-# A residual below this part of the largest force of the run is round-off (measured at rest under a prescribed pressure: 1.2e-15).
-# The forces on the fluid count with those on the skeleton: n ∇p of a closed body under a load is the round-off of its pressure,
-# and its volume rates, where a scheme knows their weight in forces, that of the skeleton's equilibrium.
+# A residual below this part of the largest force of the run is round-off (measured at rest under a
+# prescribed pressure: 1.2e-15). The forces on the fluid count with those on the skeleton: n ∇p of a
+# closed body under a load is the round-off of its pressure, and its volume rates, where a scheme
+# knows their weight in forces, that of the skeleton's equilibrium.
 ROUND_OFF = 1e-13
-# The drag S (v_f - v_s) is a difference of forces S v that cancel: its round-off (measured at k_f = 1e-12 m/s on both orders and
-# three steps: 0.13 to 0.32 of this times |S v_f|); v_s = c_v Δu has that of S c_v u.
+# The drag S (v_f - v_s) is a difference of forces S v that cancel: its round-off (measured at k_f =
+# 1e-12 m/s on both orders and three steps: 0.13 to 0.32 of this times |S v_f|); v_s = c_v Δu has
+# that of S c_v u.
 EPSILON = 2.2e-16
-# Above this part of the largest force present that round-off would pass for the balance of the fluid (1e-4 at k_f = 1e-14 m/s).
+# Above this part of the largest force present that round-off would pass for the balance of the
+# fluid (1e-4 at k_f = 1e-14 m/s).
 BLIND = 1e-2
-# A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see GUARDS in coupling/porous.py),
-# but at large strain a new one is worth it before: Anderson takes up to 13 sweeps in the coupling study with 0.45, 12 with 0.35.
-SLOW, WARM_UP = 0.35, 4
-# Where the iterations of a step fall no further below this, their tolerance asks for more digits than there are.
+# A fitting tangent contracts by 0.45 or better per sweep (measured over all permeabilities, see
+# GUARDS in coupling/porous.py), but at large strain a new one is worth it before: Anderson takes up
+# to 13 sweeps in the coupling study with 0.45, 12 with 0.35.
+SLOW = 0.35
+WARM_UP = 4
+# Where the iterations of a step fall no further below this, their tolerance asks for more digits
+# than there are.
 STALL = 1e-6
 
 
 class Convergence:
     """Residual norm of each field over the largest norm of a term of that field's balance.
 
-    For the momentum balances it is the largest term of the present iterate: on the first one the drag of the predicted velocities
-    can be 1e8 times what it is at the end (measured at k_f = 1e-12 m/s), and would let anything pass.  The terms of the volume
-    balance vanish together in an undrained motion; for it the largest term of all iterates of the step counts, but no more than
-    what cancels inside the present ones where that is known: an iteration that strays and comes back must not end early.
+    For the momentum balances it is the largest term of the present iterate: on the first one the
+    drag of the predicted velocities can be 1e8 times what it is at the end (measured at k_f = 1e-12
+    m/s), and would let anything pass.  The terms of the volume balance vanish together in an
+    undrained motion; for it the largest term of all iterates of the step counts, but no more than
+    what cancels inside the present ones where that is known: an iteration that strays and comes
+    back must not end early.
     """
 
     def __init__(self, tolerance):
-        """Take the tolerance; `largest` (field -> norm) of the steps that converged belongs to the run and its checkpoints."""
-        self.tolerance, self.largest, self.history = tolerance, {}, []
+        """Take the tolerance; `largest` (field -> norm) of the steps that converged belongs to the
+        run and its checkpoints.
+        """
+        self.tolerance = tolerance
+        self.largest = {}
+        self.history = []
 
     def start_step(self):
         """Forget the scales of the last step.
 
-        force_per_rate : of the volume balance [N s/m³], infinite where it is not known; flow_force_per_rate : the same for
-        forces of the fluid alone
+        force_per_rate : of the volume balance [N s/m³], infinite where it is not known;
+        flow_force_per_rate : the same for forces of the fluid alone
         """
-        self._scales, self._present, self.history = {}, {}, []
+        self._scales = {}
+        self._present = {}
+        self.history = []
         self.force_per_rate = self.flow_force_per_rate = float("inf")
 
     def reached(self, norms, drag, cancelling):
-        """Record the residuals, field -> (residual norm, largest term norm), and return whether all are within the tolerance.
+        """Record the residuals, field -> (residual norm, largest term norm), and return whether all
+        are within the tolerance.
 
-        drag : the force S v_f or S c_v u [N], whose round-off the momentum residuals have; ConvergenceError where it drowns them
-        cancelling : field -> norm of what cancels inside its terms, whose round-off is all that is left of a uniform flow
+        drag : the force S v_f or S c_v u [N], whose round-off the momentum residuals have;
+        ConvergenceError where it drowns them
+        cancelling : field -> norm of what cancels inside its terms, whose round-off is all that is
+        left of a uniform flow
         """
         errors = {}
         for field, (_, force) in norms.items():
-            self._scales[field] = max(force, self._scales.get(field, 0.0)) if field == "volume" else force
+            self._scales[field] = (
+                max(force, self._scales.get(field, 0.0)) if field == "volume" else force
+            )
             self._present[field] = max(force, self.largest.get(field, 0.0))
         for field, (residual, _) in norms.items():
             inside = EPSILON * max(0.0 if field == "volume" else drag, cancelling.get(field, 0.0))
             round_off = max(ROUND_OFF * self._largest_like(field), inside)
-            errors[field] = residual / self._scale(field, cancelling) if residual > round_off else 0.0
+            errors[field] = (
+                residual / self._scale(field, cancelling) if residual > round_off else 0.0
+            )
             if not isfinite(residual):
                 what = f"the {field} residual is not finite after {len(self.history)} iterations"
                 raise ConvergenceError(what, SMALLER_STEP)
@@ -74,15 +95,19 @@ class Convergence:
 
     def _require_digits(self, round_off):
         force = max(scale for field, scale in self._scales.items() if field != "volume")
-        if round_off > BLIND * force and round_off > ROUND_OFF * self._largest_like("fluid momentum"):
+        if round_off > BLIND * force and round_off > ROUND_OFF * self._largest_like(
+            "fluid momentum"
+        ):
             raise ConvergenceError(
-                f"round-off of the drag, {round_off:.1e} N of {force:.1e} N, hides the balance of the fluid: "
-                "the permeability is too small for double precision",
+                f"round-off of the drag, {round_off:.1e} N of {force:.1e} N, hides the balance of"
+                " the fluid: the permeability is too small for double precision",
                 "raise it",
             )
 
     def _largest_like(self, field):
-        """Return the largest force of run and iterate in the unit of a field, or its own largest term."""
+        """Return the largest force of run and iterate in the unit of a field, or its own largest
+        term.
+        """
         force = max(norm for other, norm in self._present.items() if other != "volume")
         if field != "volume":
             return force
@@ -91,7 +116,9 @@ class Convergence:
 
     @property
     def slow(self):
-        """Return whether the last two sweeps reduced the residual by less than SLOW each on average."""
+        """Return whether the last two sweeps reduced the residual by less than SLOW each on
+        average.
+        """
         errors = [max(errors.values()) for errors in self.history[-3:]]
         return len(self.history) > WARM_UP and errors[-1] > SLOW**2 * errors[0]
 
@@ -103,12 +130,16 @@ class Convergence:
 
     @property
     def falling(self):
-        """Return whether the residuals of the step have fallen at all, to a tenth of the forces at least."""
+        """Return whether the residuals of the step have fallen at all, to a tenth of the forces at
+        least.
+        """
         return min((max(errors.values()) for errors in self.history), default=1.0) < 0.1
 
     @property
     def _stalled(self):
-        """Return whether the residual is small and has not fallen in the second half of the iterations."""
+        """Return whether the residual is small and has not fallen in the second half of the
+        iterations.
+        """
         errors = [max(errors.values()) for errors in self.history]
         half = len(errors) // 2
         return half > 0 and errors[-1] < STALL and min(errors[half:]) > 0.5 * min(errors[:half])
@@ -118,10 +149,17 @@ class Convergence:
         last = self.history[-1]
         worst = max(last, key=last.get)
         if self._stalled:
-            advice = f"it falls no further, which is round-off; raise coupling.tolerance above {last[worst]:.0e}"
-        trail = ", ".join(f"{max(errors.values()):.1e}" for errors in self.history[:: max(1, len(self.history) // 8)])
+            advice = (
+                "it falls no further, which is round-off; raise coupling.tolerance above"
+                f" {last[worst]:.0e}"
+            )
+        trail = ", ".join(
+            f"{max(errors.values()):.1e}"
+            for errors in self.history[:: max(1, len(self.history) // 8)]
+        )
         return ConvergenceError(
-            f"coupling did not converge at t = {t:g} s (step {step}): {len(self.history) - 1} iterations, "
-            f"{worst} residual {last[worst]:.1e} > {self.tolerance:.0e} (history {trail})",
+            f"coupling did not converge at t = {t:g} s (step {step}): {len(self.history) - 1}"
+            f" iterations, {worst} residual {last[worst]:.1e} > {self.tolerance:.0e} (history"
+            f" {trail})",
             advice,
         )

@@ -1,4 +1,6 @@
-"""Fluid-structure interaction over an interface: the medium, and its partitioned and monolithic iterations."""
+"""Fluid-structure interaction over an interface: the medium, and its partitioned and monolithic
+iterations.
+"""
 
 from dataclasses import replace
 from functools import cached_property
@@ -10,27 +12,35 @@ from .medium import Medium
 from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium
 
-# Guard of Aitken's factor: under a large added mass the error factors of Dirichlet and Neumann lie anywhere below 0.
+# Guard of Aitken's factor: under a large added mass the error factors of Dirichlet and Neumann lie
+# anywhere below 0.
 GUARD = (0.02, 1.2)
 
 
 class InterfaceMedium(Medium):
-    """The fluid on a mesh that follows the solid, with its velocity on the interface; the solid under the fluid's force.
+    """The fluid on a mesh that follows the solid, with its velocity on the interface; the solid
+    under the fluid's force.
 
-    The force is the fluid's residual on the nodes of the interface, unconstrained there: no stress is recovered, and what the
-    fluid loses the solid gains to round-off, on its own nodes where the two have none in common.
+    The force is the fluid's residual on the nodes of the interface, unconstrained there: no stress
+    is recovered, and what the fluid loses the solid gains to round-off, on its own nodes where the
+    two have none in common.
 
-    What the fluid sees of the solid: its trial displacement (strong: the converged step is that of the monolithic system), its
-    predicted one (weak: staggered, the force comes once) or nothing (one-way).  Each step ends when all residuals are small.
+    What the fluid sees of the solid: its trial displacement (strong: the converged step is that of
+    the monolithic system), its predicted one (weak: staggered, the force comes once) or nothing
+    (one-way).  Each step ends when all residuals are small.
     """
 
     def __init__(self, *medium, motion, transfer, sees="trial", pressure=None, **scheme):
-        """Take what the scheme takes; the `phases.MeshMotion`, the `fem.transfer.InterfaceTransfer`, and what the fluid sees.
+        """Take what the scheme takes; the `phases.MeshMotion`, the
+        `fem.transfer.InterfaceTransfer`, and what the fluid sees.
 
-        sees : "trial", "predicted" or "nothing"; pressure : `fem.boundary.InterfacePressure`, by which the pressure follows a
-        solid that the fluid does not see
+        sees : "trial", "predicted" or "nothing"; pressure : `fem.boundary.InterfacePressure`, by
+        which the pressure follows a solid that the fluid does not see
         """
-        self.motion, self._transfer, self._sees, self._pressure = motion, transfer, sees, pressure
+        self.motion = motion
+        self._transfer = transfer
+        self._sees = sees
+        self._pressure = pressure
         super().__init__(*medium, **scheme)
         sides = transfer.fluid_nodes, transfer.solid_nodes
         self._on_fluid, self._on_solid = (nodes[: self.solid.mesh.n_owned, None] for nodes in sides)
@@ -55,7 +65,9 @@ class InterfaceMedium(Medium):
 
     def flow(self, fluid_residuals):
         """Return the fluid's force on the interface, (n_owned, d) [N]."""
-        return self._with_force(np.where(self._on_fluid, self.fluid.boundary_force(fluid_residuals[0]), 0.0))
+        return self._with_force(
+            np.where(self._on_fluid, self.fluid.boundary_force(fluid_residuals[0]), 0.0)
+        )
 
     def _with_force(self, force):
         flow = self.fluid.flow()
@@ -65,7 +77,9 @@ class InterfaceMedium(Medium):
         return replace(flow, force=self._transfer.to_solid(force))
 
     def to_solid(self, force):
-        """Return forces of the fluid, (n_owned, d) [N], on the nodes of the solid's side of the interface (collective)."""
+        """Return forces of the fluid, (n_owned, d) [N], on the nodes of the solid's side of the
+        interface (collective).
+        """
         return self._transfer.to_solid(np.where(self._on_fluid, force, 0.0))
 
     def displacement(self):
@@ -88,7 +102,8 @@ class InterfaceMedium(Medium):
 
     def start(self, schemes, rates):
         """Do what `Medium.start` does, and take the mesh back too; its acceleration stays."""
-        u, v = self.solid.u, self.solid.v
+        u = self.solid.u
+        v = self.solid.v
         super().start(schemes, rates)
         self.motion.set_initial(u, v)
 
@@ -106,7 +121,9 @@ class InterfaceMedium(Medium):
 
     def state(self):
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
-        return super().state() | {f"mesh.{name}": array for name, array in self.motion.state().items()}
+        return super().state() | {
+            f"mesh.{name}": array for name, array in self.motion.state().items()
+        }
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
@@ -114,13 +131,17 @@ class InterfaceMedium(Medium):
 
     def load_state(self, arrays, memory, schemes, rates):
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
-        mesh = {name.removeprefix("mesh."): a for name, a in arrays.items() if name.startswith("mesh.")}
+        mesh = {
+            name.removeprefix("mesh."): a for name, a in arrays.items() if name.startswith("mesh.")
+        }
         self.motion.load_state(mesh, memory.get("mesh", self.motion.memory()))
         super().load_state(arrays, memory, schemes, rates)
 
 
 class InterfaceSweep(PartitionedMedium):
-    """What the sweeps over an interface share: a nearly incompressible solid at large strain has new tangents in each."""
+    """What the sweeps over an interface share: a nearly incompressible solid at large strain has
+    new tangents in each.
+    """
 
     def _renew_tangents(self, iteration, rates):
         """Do what `PartitionedMedium` does, or renew both."""
@@ -132,14 +153,16 @@ class InterfaceSweep(PartitionedMedium):
 
 
 class _Sweep(InterfaceSweep):
-    """One Newton step of the fluid, one of the solid under the new force, and an accelerated displacement of the solid.
+    """One Newton step of the fluid, one of the solid under the new force, and an accelerated
+    displacement of the solid.
 
-    Conditions, with the mass M of the interface:  fluid  R_f + R_s + α_f M (v_f - v_s) = 0,  solid  R_s + R_f + α_s M (v_s - v_f)
-    = 0.  An infinite α is a Dirichlet, a vanishing one a Neumann condition.  Between two sweeps v_f takes the value of v_s, so
-    that the residuals that end the step are those of the monolithic system whatever the conditions are.
+    Conditions, with the mass M of the interface:  fluid  R_f + R_s + α_f M (v_f - v_s) = 0,  solid
+    R_s + R_f + α_s M (v_s - v_f) = 0.  An infinite α is a Dirichlet, a vanishing one a Neumann
+    condition.  Between two sweeps v_f takes the value of v_s, so that the residuals that end the
+    step are those of the monolithic system whatever the conditions are.
 
-    The accelerated vector is the displacement of the solid's nodes; its inner product counts the interface alone, of which all
-    else is a function.
+    The accelerated vector is the displacement of the solid's nodes; its inner product counts the
+    interface alone, of which all else is a function.
     """
 
     def __init__(self, *medium, conditions):
@@ -153,7 +176,9 @@ class _Sweep(InterfaceSweep):
         super()._begin(t, rates, accepted)
 
     def _slow(self, iteration):
-        """Return whether slow sweeps call for new tangents: where the step has made some, the coupling is what is slow."""
+        """Return whether slow sweeps call for new tangents: where the step has made some, the
+        coupling is what is slow.
+        """
         return self._renewed_at == 0 and super()._slow(iteration)
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
@@ -162,7 +187,9 @@ class _Sweep(InterfaceSweep):
         own = solid_residual.unconstrained - solid_residual.terms["interface"]
         self.fluid.correct(fluid_residuals, fluid_residuals[0].unconstrained + own)
         extra = self._conditions.pull(self.fluid, self.solid)
-        solid_residual = self.solid.residual(self._with_force(self.fluid.interface_force(self.carrier())))
+        solid_residual = self.solid.residual(
+            self._with_force(self.fluid.interface_force(self.carrier()))
+        )
         self.solid.correct(solid_residual.total + extra)
         if self._sees == "trial" and self._both:
             after = self.solid.unknowns.copy()
@@ -198,7 +225,9 @@ def _accelerated(name):
 
 
 class InterfaceCoupling(InterfaceMedium, _Sweep):
-    """The partitioned iteration: Dirichlet-Neumann, Robin-Neumann, Robin-Robin or Neumann-Dirichlet, strong, weak or one-way."""
+    """The partitioned iteration: Dirichlet-Neumann, Robin-Neumann, Robin-Robin or
+    Neumann-Dirichlet, strong, weak or one-way.
+    """
 
     def _alternatives(self):
         """Return name -> what to try; against an added mass a smaller step does not help."""
@@ -209,25 +238,39 @@ class InterfaceCoupling(InterfaceMedium, _Sweep):
             if self._conditions.name == "dirichlet_neumann":
                 alternatives["interface"] = 'coupling.interface = "robin_neumann"'
             return alternatives | {"scheme": scheme}
-        alternatives = {name: alternatives[name] for name in ("step", "tangents") if name in alternatives}
+        alternatives = {
+            name: alternatives[name] for name in ("step", "tangents") if name in alternatives
+        }
         if self.fluid.domain.n_nodes:
-            alternatives["backflow"] = "backflow = 1 on a boundary through which the flow comes back in"
+            alternatives["backflow"] = (
+                "backflow = 1 on a boundary through which the flow comes back in"
+            )
         return alternatives
 
     @property
     def remedies(self):
-        """Return what a step that failed is tried with, in turn; sweeps are accelerated where both phases see each other."""
+        """Return what a step that failed is tried with, in turn; sweeps are accelerated where both
+        phases see each other.
+        """
         accelerated = self._sees == "trial" and self._both
         return tuple(name for name in super().remedies if accelerated or name != "accelerator")
 
     def step(self, schemes, rates, t, step):
-        """Do what `Medium.step` does; where an element is inverted by sweeps that do not converge, say so."""
+        """Do what `Medium.step` does; where an element is inverted by sweeps that do not converge,
+        say so.
+        """
         try:
             super().step(schemes, rates, t, step)
         except ConvergenceError as error:
-            diverging = self.convergence.history and not self.convergence.falling and not self.motion.squeezed
+            diverging = (
+                self.convergence.history
+                and not self.convergence.falling
+                and not self.motion.squeezed
+            )
             if diverging and error.advice != self.advice:
-                raise ConvergenceError(f"the sweeps of step {step} do not converge: {error.what}", self.advice) from None
+                raise ConvergenceError(
+                    f"the sweeps of step {step} do not converge: {error.what}", self.advice
+                ) from None
             raise
 
 

@@ -1,4 +1,6 @@
-"""A solid and a fluid with a common step, whatever solves it: a saturated porous medium, or two that share an interface."""
+"""A solid and a fluid with a common step, whatever solves it: a saturated porous medium, or two
+that share an interface.
+"""
 
 import collections
 import itertools
@@ -12,25 +14,36 @@ FIELDS = ("fluid momentum", "volume", "solid momentum")
 
 
 class Medium:
-    """The two phases, their convergence and their state; a scheme adds how an iteration changes the trial states.
+    """The two phases, their convergence and their state; a scheme adds how an iteration changes the
+    trial states.
 
     Here the skeleton carries the fluid: a porous medium.
-    load_factor : of all data of a steady scene, None of others; notices : what a run says of the scheme
+    load_factor : of all data of a steady scene, None of others; notices : what a run says of the
+    scheme
     """
 
     remedies = ()  # what a step that failed is tried with, in turn: names that `remedied` takes
-    tried = frozenset()  # what the run tries by itself before it gives up: remedies and "step", a smaller one
-    load_factor, notices = None, ()
+    tried = (
+        frozenset()
+    )  # what the run tries by itself before it gives up: remedies and "step", a smaller one
+    load_factor = None
+    notices = ()
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations):
         """Take the phases and what ends the iteration of a step."""
-        self.solid, self.fluid, self._comm, self._cap = solid, fluid, comm, max_iterations
+        self.solid = solid
+        self.fluid = fluid
+        self._comm = comm
+        self._cap = max_iterations
         self.convergence = Convergence(tolerance)
-        self.iterations, self.residuals = 0, None
+        self.iterations = 0
+        self.residuals = None
 
     @property
     def advice(self):
-        """Return what to try where a step does not converge, but for what is set already and what the run tries by itself."""
+        """Return what to try where a step does not converge, but for what is set already and what
+        the run tries by itself.
+        """
         texts = [text for name, text in self._alternatives().items() if name not in self.tried]
         if self.convergence.falling:
             texts.append(f"more than coupling.max_iterations = {self._cap}")
@@ -64,7 +77,8 @@ class Medium:
             solid_residual = self.solid.residual(self.flow(fluid_residuals))
             if self.convergence.reached(*self._sizes(fluid_residuals, solid_residual, rates)):
                 self.solid.require_upright()
-                self.iterations, self.residuals = iteration, (solid_residual, fluid_residuals)
+                self.iterations = iteration
+                self.residuals = (solid_residual, fluid_residuals)
                 return
             if iteration < self._cap:
                 self._iterate(iteration, solid_residual, fluid_residuals, rates)
@@ -76,9 +90,16 @@ class Medium:
         residuals = dict(zip(FIELDS, (*fluid_residuals, solid_residual), strict=True))
         groups = {field: residual.vectors() for field, residual in residuals.items()}
         cancelling = self.fluid.cancelling(self.carrier(), rates) | self.solid.cancelling()
-        vectors = [*itertools.chain(*groups.values()), self.fluid.drag_scale(self.carrier(), rates), *cancelling.values()]
+        vectors = [
+            *itertools.chain(*groups.values()),
+            self.fluid.drag_scale(self.carrier(), rates),
+            *cancelling.values(),
+        ]
         found = iter(euclidean_norms(self._comm, vectors).tolist())
-        norms = {field: (next(found), max(next(found) for _ in group[1:])) for field, group in groups.items()}
+        norms = {
+            field: (next(found), max(next(found) for _ in group[1:]))
+            for field, group in groups.items()
+        }
         return norms, next(found), dict(zip(cancelling, found, strict=True))
 
     def carrier(self):
@@ -94,16 +115,22 @@ class Medium:
         return self.solid.skeleton_at(u, v)
 
     def flow(self, fluid_residuals):
-        """Return what the solid feels of the fluid in the trial state, which has these residuals."""
+        """Return what the solid feels of the fluid in the trial state, which has these
+        residuals.
+        """
         return self.fluid.flow()
 
     def start(self, schemes, rates):
-        """Give the phases the accelerations and the pressure that the balances ask for at t = 0 (0+ where a load is sudden).
+        """Give the phases the accelerations and the pressure that the balances ask for at t = 0 (0+
+        where a load is sudden).
 
-        They are those of one small implicit step, whose positions and velocities are forgotten; v_f is kept where it has inertia
-        (without it, Darcy's law gives it with the pressure).  The velocities at t = 0 must satisfy the volume balance.
+        They are those of one small implicit step, whose positions and velocities are forgotten; v_f
+        is kept where it has inertia (without it, Darcy's law gives it with the pressure).  The
+        velocities at t = 0 must satisfy the volume balance.
         """
-        u, v, v_f = self.solid.u, self.solid.v, self.fluid.v
+        u = self.solid.u
+        v = self.solid.v
+        v_f = self.fluid.v
         self.step(schemes, rates, 0.0, 0)
         self.accept()
         self.solid.set_initial(u, v)
@@ -111,7 +138,9 @@ class Medium:
         self.reset()
 
     def accept(self):
-        """Make the trial states the accepted ones; raise ConvergenceError, changing nothing, when the end is not admissible."""
+        """Make the trial states the accepted ones; raise ConvergenceError, changing nothing, when
+        the end is not admissible.
+        """
         self.solid.accept()
         self.fluid.accept()
 
@@ -131,11 +160,14 @@ class Medium:
         """Return the `LinearSolver`s whose times add up to that of all solves."""
         return [block.solver for block in self.blocks.values() if block.solver]
 
-    # -- what the run looks at --------------------------------------------------------------------------------------------
+    # -- what the run looks at ---------------------------------------------------------------------
 
     def collocated(self):
-        """Return v_s, v_f (n_owned, d) and p (n_owned, 1) of the trial state on the collocation level."""
-        n, flow = self.solid.mesh.n_owned, self.fluid.flow()
+        """Return v_s, v_f (n_owned, d) and p (n_owned, 1) of the trial state on the collocation
+        level.
+        """
+        n = self.solid.mesh.n_owned
+        flow = self.fluid.flow()
         return self.solid.velocity[:n], flow.velocity[:n], flow.pressure[:n, None]
 
     def displacement(self):
@@ -154,7 +186,11 @@ class Medium:
     def state(self):
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
         phases = {"solid": self.solid, "fluid": self.fluid}
-        return {f"{name}.{key}": array for name, phase in phases.items() for key, array in phase.state().items()}
+        return {
+            f"{name}.{key}": array
+            for name, phase in phases.items()
+            for key, array in phase.state().items()
+        }
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
@@ -173,4 +209,5 @@ class Medium:
             parts[name][field] = array
         self.solid.load_state(parts["solid"], memory["solid"], rates)
         self.fluid.load_state(parts["fluid"], memory["fluid"], schemes[1], rates, self.skeleton_at)
-        self.iterations, self.convergence.largest = memory["iterations"], memory["largest"]
+        self.iterations = memory["iterations"]
+        self.convergence.largest = memory["largest"]

@@ -1,10 +1,14 @@
-"""The saturated porous medium solved as one system: Newton's iteration with all off-diagonal tangents (quasi-direct, direct)."""
+"""The saturated porous medium solved as one system: Newton's iteration with all off-diagonal
+tangents (quasi-direct, direct).
+"""
 
 from .medium import Medium
 
 
 class MonolithicCoupling(Medium):
-    """Newton's iteration for (y, v_f, p) together; what the partitioned scheme must reproduce to its tolerance."""
+    """Newton's iteration for (y, v_f, p) together; what the partitioned scheme must reproduce to
+    its tolerance.
+    """
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, mixture):
         """Take the medium and a mixture of `phases.mixture`, which solves for both increments."""
@@ -22,7 +26,9 @@ class MonolithicCoupling(Medium):
         return [self.mixture.solver] if self.mixture.solver else []
 
     def _begin(self, t, rates, accepted):
-        """Start every step of a nonlinear problem with a new preconditioner, since a restart has no other."""
+        """Start every step of a nonlinear problem with a new preconditioner, since a restart has no
+        other.
+        """
         if self.mixture.solver and not (self.solid.is_linear and self.fluid.is_linear):
             self.mixture.solver.refactor()
 

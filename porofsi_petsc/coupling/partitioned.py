@@ -1,4 +1,6 @@
-"""What partitioned schemes share: lagged or new tangents of the phases, an accelerator and what it leaves to the next step."""
+"""What partitioned schemes share: lagged or new tangents of the phases, an accelerator and what it
+leaves to the next step.
+"""
 
 import itertools
 from contextlib import contextmanager
@@ -12,16 +14,22 @@ NAMES = ("residual", "image")  # of the vectors that an accelerator reuses
 
 
 class PartitionedMedium(Medium):
-    """Two phases solved in turn; a scheme says what a sweep is, what its accelerated vector and the inner product `_dot` are."""
+    """Two phases solved in turn; a scheme says what a sweep is, what its accelerated vector and the
+    inner product `_dot` are.
+    """
 
     def __init__(self, solid, fluid, comm, tolerance, max_iterations, accelerator, full_newton):
-        """Take the medium, what makes an accelerator, and whether tangents are new in every sweep or lagged.
+        """Take the medium, what makes an accelerator, and whether tangents are new in every sweep
+        or lagged.
 
         accelerator : inner product, and a name where it is not the scene's -> accelerator
         """
         super().__init__(solid, fluid, comm, tolerance, max_iterations)
-        self._accelerator, self._travel = accelerator(self._dot), Travel(solid, fluid, comm) if full_newton else None
-        self._spare = accelerator(self._dot, "iqn_ils" if isinstance(self._accelerator, Anderson) else "anderson")
+        self._accelerator = accelerator(self._dot)
+        self._travel = Travel(solid, fluid, comm) if full_newton else None
+        self._spare = accelerator(
+            self._dot, "iqn_ils" if isinstance(self._accelerator, Anderson) else "anderson"
+        )
         self._linear = solid.is_linear and fluid.is_linear
 
     @property
@@ -31,7 +39,9 @@ class PartitionedMedium(Medium):
 
     @contextmanager
     def remedied(self, remedy):
-        """Sweep with the spare accelerator, by the remedy "tangents" with tangents of full Newton besides."""
+        """Sweep with the spare accelerator, by the remedy "tangents" with tangents of full Newton
+        besides.
+        """
         own = self._accelerator, self._travel
         self._accelerator = self._spare
         if remedy == "tangents":
@@ -60,14 +70,17 @@ class PartitionedMedium(Medium):
             self.solid.prepare_tangent(rates, self.iterations)
 
     def _renew_tangents(self, iteration, rates):
-        """Renew both tangents at the trial state: by full Newton where it has moved, else where lagged ones are slow or far away.
+        """Renew both tangents at the trial state: by full Newton where it has moved, else where
+        lagged ones are slow or far away.
 
         Return whether lagged ones were renewed, which makes the sweep another map.
         """
         if self._travel:
             worn = self._travel.worn(rates, self.convergence.contraction)
         else:
-            worn = not self._linear and (self.fluid.strayed(self.carrier()) or self._slow(iteration))
+            worn = not self._linear and (
+                self.fluid.strayed(self.carrier()) or self._slow(iteration)
+            )
         if worn:
             self.fluid.renew_tangent(rates, self.carrier())
             self.solid.renew_tangent(rates)
@@ -77,7 +90,7 @@ class PartitionedMedium(Medium):
     def _slow(self, iteration):
         return iteration - self._renewed_at >= PATIENCE and self.convergence.slow
 
-    # -- what a step leaves to the next ------------------------------------------------------------------------------------
+    # -- what a step leaves to the next ------------------------------------------------------------
 
     def reset(self):
         """Forget the trial states and what the accelerator has learnt, and ask for new tangents."""
@@ -87,10 +100,14 @@ class PartitionedMedium(Medium):
             self._travel.forget()
 
     def state(self):
-        """Return the arrays a restart needs, name -> (n_owned, ...), with the vectors that the accelerator reuses."""
+        """Return the arrays a restart needs, name -> (n_owned, ...), with the vectors that the
+        accelerator reuses.
+        """
         pairs = [pair for step in self._accelerator.columns() for pair in step]
         return super().state() | {
-            f"accelerator.{i}.{name}": a for i, pair in enumerate(pairs) for name, a in zip(NAMES, pair, strict=True)
+            f"accelerator.{i}.{name}": a
+            for i, pair in enumerate(pairs)
+            for name, a in zip(NAMES, pair, strict=True)
         }
 
     def memory(self):
@@ -100,8 +117,13 @@ class PartitionedMedium(Medium):
     def load_state(self, arrays, memory, schemes, rates):
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
         super().load_state(arrays, memory, schemes, rates)
-        number, counts = itertools.count(), memory.get("columns", ())
+        number = itertools.count()
+        counts = memory.get("columns", ())
         steps = [
-            [tuple(arrays[f"accelerator.{i}.{name}"] for name in NAMES) for i in itertools.islice(number, n)] for n in counts
+            [
+                tuple(arrays[f"accelerator.{i}.{name}"] for name in NAMES)
+                for i in itertools.islice(number, n)
+            ]
+            for n in counts
         ]
         self._accelerator.load(steps)

@@ -4,20 +4,22 @@ import numpy as np
 
 from .partitioned import PartitionedMedium
 
-# Guards of Aitken's factor by split.  The corrected split's error factors lie between -1/2 and 1/2 for every Poisson ratio
-# (`kernels.solid.volumetric_compliance`), for which 1/(1 + 1/2) to 1/(1 - 1/2) are best; the plain split's go far below -1 and
-# want a small one.
+# Guards of Aitken's factor by split.  The corrected split's error factors lie between -1/2 and 1/2
+# for every Poisson ratio (`kernels.solid.volumetric_compliance`), for which 1/(1 + 1/2) to 1/(1 -
+# 1/2) are best; the plain split's go far below -1 and want a small one.
 GUARDS = {"corrected": (0.6, 2.0), "plain": (0.05, 1.6)}
 
 
 class PorousCoupling(PartitionedMedium):
-    """Skeleton with frozen pressure and drag, then fluid on the new skeleton, one Newton step each, to true residuals of zero.
+    """Skeleton with frozen pressure and drag, then fluid on the new skeleton, one Newton step each,
+    to true residuals of zero.
 
     The fluid comes last, so that a sweep ends, and is judged, with a drag that fits the pressure.
 
-    The accelerated vector holds all that the next sweep remembers, v_f, p and u of every node, (n_owned, 2 d + 1); its inner
-    product divides each of them by the norm of an increment.  The first sweep of a step is taken as it is: it
-    answers the new load, the others the coupling (measured: else IQN-ILS, which reuses old answers, takes one sweep more).
+    The accelerated vector holds all that the next sweep remembers, v_f, p and u of every node,
+    (n_owned, 2 d + 1); its inner product divides each of them by the norm of an increment.  The
+    first sweep of a step is taken as it is: it answers the new load, the others the coupling
+    (measured: else IQN-ILS, which reuses old answers, takes one sweep more).
     """
 
     def _begin(self, t, rates, accepted):
@@ -25,10 +27,13 @@ class PorousCoupling(PartitionedMedium):
         self._weights = None
 
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
-        """Do one Gauss-Seidel sweep and, from the second on, replace the trial state by the accelerated one."""
+        """Do one Gauss-Seidel sweep and, from the second on, replace the trial state by the
+        accelerated one.
+        """
         if self._renew_tangents(iteration, rates):
             self._accelerator.restart()
-        fluid, solid = self.fluid, self.solid
+        fluid = self.fluid
+        solid = self.solid
         before = self._unknowns
         velocity = solid.velocity
         solid.correct(solid_residual.total + fluid.unbalanced(fluid_residuals[0]))
@@ -51,10 +56,13 @@ class PorousCoupling(PartitionedMedium):
     @_unknowns.setter
     def _unknowns(self, values):
         d = self.solid.mesh.dim
-        self.fluid.unknowns, self.solid.unknowns = values[:, : d + 1], values[:, d + 1 :]
+        self.fluid.unknowns = values[:, : d + 1]
+        self.solid.unknowns = values[:, d + 1 :]
 
     def _inverse_squares(self, increment):
-        """Return 1/|increment of the field|² of every component, (2 d + 1,); 1 for a field that does not change."""
+        """Return 1/|increment of the field|² of every component, (2 d + 1,); 1 for a field that
+        does not change.
+        """
         d = self.solid.mesh.dim
         fields = (increment[:, :d], increment[:, d], increment[:, d + 1 :])
         return np.repeat([1 / (self.dot(field, field) or 1.0) for field in fields], [d, 1, d])

@@ -1,36 +1,49 @@
-"""Conditions on an interface: which side is told the velocity, which the traction, and what of each lies between."""
+"""Conditions on an interface: which side is told the velocity, which the traction, and what of each
+lies between.
+"""
 
 from dataclasses import dataclass
 from math import pi, sqrt, tanh
 
 import numpy as np
 
-# α_f over the impedance S_s of a layer that moves as a whole, the smallest of all waves.  The error factor of Robin-Neumann is
-# S_f/S_s |S_s - α_f|/(S_f + α_f): with 3/2 below 1/2 for these waves, whatever the added mass (with 2 below 1), and smaller than
-# with 1 for all stiff ones, S_f/(S_f + α_f).  Measured on a ring in ten times its mass of fluid: 0.66 with 1, 0.49, 0.53 with 2.
+# α_f over the impedance S_s of a layer that moves as a whole, the smallest of all waves.  The error
+# factor of Robin-Neumann is S_f/S_s |S_s - α_f|/(S_f + α_f): with 3/2 below 1/2 for these waves,
+# whatever the added mass (with 2 below 1), and smaller than with 1 for all stiff ones, S_f/(S_f +
+# α_f).  Measured on a ring in ten times its mass of fluid: 0.66 with 1, 0.49, 0.53 with 2.
 STIFFER = 1.5
-# Largest α_s over α_f: along the interface a fluid has next to no impedance, and beside a stiff solid the error factor of
-# Robin-Robin, |S_f - α_s|/(S_s + α_s) |S_s - α_f|/(S_f + α_f), is α_s/α_f there.
+# Largest α_s over α_f: along the interface a fluid has next to no impedance, and beside a stiff
+# solid the error factor of Robin-Robin, |S_f - α_s|/(S_s + α_s) |S_s - α_f|/(S_f + α_f), is α_s/α_f
+# there.
 TANGENTIAL = 0.5
 
 
 def solid_impedance(modulus, rho, thickness, rates):
-    """Return force per velocity of a layer with a free back, time-discrete, √(E ρ c_a) tanh(H √(ρ c_a/E))/c_v [Pa s/m].
+    """Return force per velocity of a layer with a free back, time-discrete, √(E ρ c_a) tanh(H √(ρ
+    c_a/E))/c_v [Pa s/m].
 
-    A wave that does not reach the back within the step sees √(E ρ); a thin layer is its mass, ρ H c_a/c_v.
-    modulus E = λ + 2μ [Pa], rho [kg/m³], thickness H [m]; rates : `phases.transfer.Rates`
+    A wave that does not reach the back within the step sees √(E ρ); a thin layer is its mass, ρ H
+    c_a/c_v. modulus E = λ + 2μ [Pa], rho [kg/m³], thickness H [m]; rates : `phases.transfer.Rates`
     """
-    return sqrt(modulus * rho * rates.c_a) * tanh(thickness * sqrt(rho * rates.c_a / modulus)) / rates.c_v
+    return (
+        sqrt(modulus * rho * rates.c_a)
+        * tanh(thickness * sqrt(rho * rates.c_a / modulus))
+        / rates.c_v
+    )
 
 
 def fluid_impedance(rho, length, rates):
-    """Return force per velocity of an incompressible fluid, its added mass ρ ℓ times c_f [Pa s/m]; a wave k has ℓ = 1/k."""
+    """Return force per velocity of an incompressible fluid, its added mass ρ ℓ times c_f [Pa s/m];
+    a wave k has ℓ = 1/k.
+    """
     return rho * length * rates.c_f
 
 
 @dataclass(frozen=True)
 class Interface:
-    """Means of what meets at an interface: E [Pa], ρ_s, ρ_f [kg/m³], solid volume over area [m], extent and facet size [m]."""
+    """Means of what meets at an interface: E [Pa], ρ_s, ρ_f [kg/m³], solid volume over area [m],
+    extent and facet size [m].
+    """
 
     modulus: float
     rho_s: float
@@ -41,23 +54,33 @@ class Interface:
 
     @property
     def mass_ratio(self):
-        """Return added over own mass of the longest wave of the interface, ρ_f ℓ/(ρ_s H) with ℓ = extent/π [-]."""
+        """Return added over own mass of the longest wave of the interface, ρ_f ℓ/(ρ_s H) with ℓ =
+        extent/π [-].
+        """
         return self.rho_f * self.extent / pi / (self.rho_s * self.thickness)
 
 
 class Conditions:
-    """A pair of conditions: its coefficients α_f and α_s [Pa s/m] in a step, and what it adds to the solid's side of a sweep."""
+    """A pair of conditions: its coefficients α_f and α_s [Pa s/m] in a step, and what it adds to
+    the solid's side of a sweep.
+    """
 
     def __init__(self, name, interface, coefficient, masses):
-        """Take the name of the pair, the `Interface`, α_f or "auto", and the `fem.boundary.InterfaceMass` of fluid and solid."""
-        self.name, self._interface, self._given, self._masses = name, interface, coefficient, masses
+        """Take the name of the pair, the `Interface`, α_f or "auto", and the
+        `fem.boundary.InterfaceMass` of fluid and solid.
+        """
+        self.name = name
+        self._interface = interface
+        self._given = coefficient
+        self._masses = masses
 
     @property
     def first_factor(self):
         """Return the relaxation that Dirichlet-Neumann starts with, None for the accelerator's own.
 
-        Its error factor is 1 - ω (1 + μ), μ the ratio of added to own mass (Causin, Gerbeau & Nobile, CMAME 194 (2005) 4506).
-        2/(2 + μ) makes the largest of all waves, with ratios from 0 to that of the longest, the smallest: μ/(2 + μ).
+        Its error factor is 1 - ω (1 + μ), μ the ratio of added to own mass (Causin, Gerbeau &
+        Nobile, CMAME 194 (2005) 4506). 2/(2 + μ) makes the largest of all waves, with ratios from 0
+        to that of the longest, the smallest: μ/(2 + μ).
         """
         if self.name != "dirichlet_neumann" or self._interface is None:
             return None
@@ -76,7 +99,9 @@ class Conditions:
             solid.robin_coefficient = min(alpha, TANGENTIAL * fluid.robin_coefficient)
 
     def pull(self, fluid, solid):
-        """Return α_s M (v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told the velocity takes it."""
+        """Return α_s M (v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told the
+        velocity takes it.
+        """
         gap = solid.velocity - fluid.flow().velocity
         if self.name == "robin_robin":
             return solid.robin_coefficient * self._masses[1].times(solid.domain, gap)

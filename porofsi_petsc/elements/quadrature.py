@@ -1,4 +1,6 @@
-"""Quadrature on the unit simplex: symmetric rules of low degree, collapsed Gauss-Jacobi products above."""
+"""Quadrature on the unit simplex: symmetric rules of low degree, collapsed Gauss-Jacobi products
+above.
+"""
 
 import math
 from functools import cache
@@ -12,7 +14,8 @@ def _orbit(barycentric):
 
 
 def _symmetric(dim, orbits):
-    points, weights = [], []
+    points = []
+    weights = []
     for weight, coordinates in orbits:
         for L in _orbit(coordinates):
             points.append(L[1:])
@@ -25,7 +28,8 @@ _A3 = 0.58541019662496845446
 _B3 = 0.13819660112501051518
 _STRANG_A = 0.44594849091596488632
 _STRANG_B = 0.09157621350977074346
-# (dim, degree): orbits (weight relative to the volume, barycentric coordinates); Strang & Fix 1973, Dunavant 1985, Keast 1986.
+# (dim, degree): orbits (weight relative to the volume, barycentric coordinates); Strang & Fix 1973,
+# Dunavant 1985, Keast 1986.
 SYMMETRIC = {
     (2, 1): [(1.0, (1 / 3,) * 3)],
     (2, 2): [(1 / 3, (2 / 3, 1 / 6, 1 / 6))],
@@ -40,7 +44,9 @@ SYMMETRIC = {
 
 @cache
 def quadrature(dim, degree):
-    """Return points, (Q, dim), and weights, (Q,), that integrate polynomials of the degree exactly on the unit simplex."""
+    """Return points, (Q, dim), and weights, (Q,), that integrate polynomials of the degree exactly
+    on the unit simplex.
+    """
     for available in sorted(d for s, d in SYMMETRIC if s == dim):
         if available >= degree:
             return _symmetric(dim, SYMMETRIC[dim, available])
@@ -48,7 +54,9 @@ def quadrature(dim, degree):
 
 
 def subdivided(dim, degree, n):
-    """Return points and weights of the degree on each of the n^dim parts of a line or triangle whose edges are cut into n."""
+    """Return points and weights of the degree on each of the n^dim parts of a line or triangle
+    whose edges are cut into n.
+    """
     points, weights = quadrature(dim, degree)
     corners = np.array([c for c in product(range(n), repeat=dim) if sum(c) < n])
     parts = [corner + points for corner in corners]
@@ -58,9 +66,12 @@ def subdivided(dim, degree, n):
 
 
 def _collapsed(dim, degree):
-    """Return the Stroud conical product rule: x_i = t_i (1 - x_1 - ... - x_{i-1}) with Gauss-Jacobi points t_i."""
+    """Return the Stroud conical product rule: x_i = t_i (1 - x_1 - ... - x_{i-1}) with Gauss-Jacobi
+    points t_i.
+    """
     n = degree // 2 + 1
-    points, weights = np.zeros((1, 0)), np.ones(1)
+    points = np.zeros((1, 0))
+    weights = np.ones(1)
     for axis in range(dim):
         t, w = _gauss_jacobi(n, dim - 1 - axis)
         remaining = 1 - points.sum(axis=1)
@@ -70,9 +81,15 @@ def _collapsed(dim, degree):
 
 
 def _gauss_jacobi(n, alpha):
-    """Return the n Gauss points and weights on (0, 1) for the weight (1 - t)^alpha (Golub & Welsch 1969)."""
+    """Return the n Gauss points and weights on (0, 1) for the weight (1 - t)^alpha (Golub & Welsch
+    1969).
+    """
     k = np.arange(1, n)
-    diagonal = np.array([-(alpha**2) / ((2 * j + alpha) * (2 * j + alpha + 2)) if alpha else 0.0 for j in range(n)])
-    off = np.sqrt(4 * k * (k + alpha) * k * (k + alpha) / ((2 * k + alpha) ** 2 * ((2 * k + alpha) ** 2 - 1)))
+    diagonal = np.array(
+        [-(alpha**2) / ((2 * j + alpha) * (2 * j + alpha + 2)) if alpha else 0.0 for j in range(n)]
+    )
+    off = np.sqrt(
+        4 * k * (k + alpha) * k * (k + alpha) / ((2 * k + alpha) ** 2 * ((2 * k + alpha) ** 2 - 1))
+    )
     x, V = np.linalg.eigh(np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1))
     return (x + 1) / 2, V[0] ** 2 / (alpha + 1)

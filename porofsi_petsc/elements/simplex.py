@@ -1,8 +1,9 @@
 """Lagrange triangles and tetrahedra of order 1 and 2 on the unit simplex, nodes in VTK order.
 
-Vertex a > 0 sits at the unit vector of axis a - 1, vertex 0 at the origin.  A mid-edge node follows the vertices in the order
-of `edges`.  With barycentric coordinates L_a the shape functions are L_a (order 1), and L_a (2 L_a - 1) at the vertices and
-4 L_a L_b at the mid-edge nodes (order 2) (Zienkiewicz & Taylor, The Finite Element Method, vol. 1, ch. 8).
+Vertex a > 0 sits at the unit vector of axis a - 1, vertex 0 at the origin.  A mid-edge node follows
+the vertices in the order of `edges`.  With barycentric coordinates L_a the shape functions are L_a
+(order 1), and L_a (2 L_a - 1) at the vertices and 4 L_a L_b at the mid-edge nodes (order 2)
+(Zienkiewicz & Taylor, The Finite Element Method, vol. 1, ch. 8).
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ EDGES = {
 class Element:
     """A Lagrange simplex.
 
-    facets : local nodes of every facet, ordered so that a facet is an element of one dimension less (outward orientation).
+    facets : local nodes of every facet, ordered so that a facet is an element of one dimension less
+    (outward orientation).
     """
 
     name: str
@@ -57,7 +59,8 @@ class Element:
 
     def gradient(self, xi):
         """Return dN/dxi, (Q, A, dim), at the reference points xi, (Q, dim)."""
-        L, dL = barycentric(xi), barycentric_gradient(self.dim)
+        L = barycentric(xi)
+        dL = barycentric_gradient(self.dim)
         if self.order == 1:
             return np.broadcast_to(dL, (len(L), *dL.shape)).copy()
         vertex = (4 * L[:, :, None] - 1) * dL

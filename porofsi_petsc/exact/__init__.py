@@ -2,8 +2,9 @@
 
 NumPy and SciPy only, and nothing of the package: they judge it.
 
-In porous layers depth z [m] is measured downward from the drained surface in the reference configuration, settlement is
-positive downward and pressure in compression.  Sudden loads act from t = 0+.
+In porous layers depth z [m] is measured downward from the drained surface in the reference
+configuration, settlement is positive downward and pressure in compression.  Sudden loads act from t
+= 0+.
 """
 
 from .confined import confined_ratio

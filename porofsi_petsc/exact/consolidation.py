@@ -1,4 +1,5 @@
-"""Consolidation of a layer of height H under a sudden load q: Terzaghi at small, Xie & Leo at large strain.
+"""Consolidation of a layer of height H under a sudden load q: Terzaghi at small, Xie & Leo at large
+strain.
 
 With M = π (2n + 1)/2 and T = c_v t/H² both are written in the decaying sums
 
@@ -14,7 +15,9 @@ from .series import modes, on_distinct
 
 @dataclass(frozen=True)
 class _Layer:
-    """load q [Pa], height H [m], modulus E_c [Pa], diffusivity c_v = k_f E_c/γ_fR [m²/s] of the reference state."""
+    """load q [Pa], height H [m], modulus E_c [Pa], diffusivity c_v = k_f E_c/γ_fR [m²/s] of the
+    reference state.
+    """
 
     load: float
     height: float
@@ -44,7 +47,8 @@ class Terzaghi(_Layer):
 
 
 class XieLeo(_Layer):
-    """Xie & Leo (2004): uniaxial Cauchy stress E_c ln J and permeability k_0 J²; z counts in the reference configuration.
+    """Xie & Leo (2004): uniaxial Cauchy stress E_c ln J and permeability k_0 J²; z counts in the
+    reference configuration.
 
     J = 1 - (1 - e^(-q/E_c)) (1 - A),  p = q + E_c ln J,  w = H (1 - e^(-q/E_c)) (1 - z/H - B).
     """

@@ -1,9 +1,10 @@
-"""The dynamic column of incompressible constituents (de Boer, Ehlers & Liu 1993); z downward from the drained, loaded top.
+"""The dynamic column of incompressible constituents (de Boer, Ehlers & Liu 1993); z downward from
+the drained, loaded top.
 
     E_c u_zz = M ü + C u̇,   p_z = (n_s/n_f) ρ_fR ü + C u̇,   σ_zz(0) = -f(t), p(0) = 0, u(L) = 0
 
-In the modes u = Σ cos(k z) q, k = (2n+1) π/2L, every mode is an oscillator M q̈ + C q̇ + E_c k² q = 2 f/L; its static part is
-summed in closed form.
+In the modes u = Σ cos(k z) q, k = (2n+1) π/2L, every mode is an oscillator M q̈ + C q̇ + E_c k² q =
+2 f/L; its static part is summed in closed form.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,9 @@ from .series import on_distinct
 
 @dataclass(frozen=True)
 class DynamicColumn:
-    """Length L [m], λ and μ [Pa], n_s [-], real densities [kg/m³], k_f [m/s], γ_fR [N/m³], number of modes of the sums."""
+    """Length L [m], λ and μ [Pa], n_s [-], real densities [kg/m³], k_f [m/s], γ_fR [N/m³], number
+    of modes of the sums.
+    """
 
     length: float
     lam: float
@@ -54,50 +57,72 @@ class DynamicColumn:
         return np.sqrt(self.modulus / self.mass)
 
     def step_surface(self, load, t):
-        """Return u(0, t) under a step load until the front comes back: the Bessel form of the half-space."""
+        """Return u(0, t) under a step load until the front comes back: the Bessel form of the
+        half-space.
+        """
         x = self.damping * t / (2 * self.mass)
         return load * t / np.sqrt(self.mass * self.modulus) * (ive(0, x) + ive(1, x))
 
     def step_front(self, load, z):
-        """Return the jump of u̇ at the front where it passes z: it decays as exp(-C t/(2M)), t = z/c."""
-        return load / np.sqrt(self.mass * self.modulus) * np.exp(-self.damping * z / self.speed / (2 * self.mass))
+        """Return the jump of u̇ at the front where it passes z: it decays as exp(-C t/(2M)), t =
+        z/c.
+        """
+        return (
+            load
+            / np.sqrt(self.mass * self.modulus)
+            * np.exp(-self.damping * z / self.speed / (2 * self.mass))
+        )
 
     def step(self, load, z, t):
-        """Return u and p at depths z [m], any shape, and time t under a step load, at rest at t = 0.
+        """Return u and p at depths z [m], any shape, and time t under a step load, at rest at t =
+        0.
 
-        The sums fall like k⁻² (p ahead of the front only); u at the surface has more digits by `step_surface`.
+        The sums fall like k⁻² (p ahead of the front only); u at the surface has more digits by
+        `step_surface`.
         """
         k, s1, s2 = self._modes()
         unit = 2 * load / (self.length * self.mass) / (s1 - s2)  # q̇ = unit (e^(s1 t) - e^(s2 t))
         return self._sum(z, t, k, load, [(s1, unit / s1), (s2, -unit / s2)])
 
     def harmonic(self, amplitude, omega, z, t):
-        """Return u and p at depths z [m], any shape, and time t under f = amplitude (1 - cos ω t), at rest at t = 0.
+        """Return u and p at depths z [m], any shape, and time t under f = amplitude (1 - cos ω t),
+        at rest at t = 0.
 
         In the sum of q - 2 f/(L E_c k²) the terms fall like k⁻⁴.
         """
         k, s1, s2 = self._modes()
         unit = 2 * amplitude / self.length
-        steady, oscillating = (
-            unit / (self.modulus * k**2),
-            -unit / (self.modulus * k**2 - self.mass * omega**2 + 1j * omega * self.damping),
+        steady = unit / (self.modulus * k**2)
+        oscillating = -unit / (
+            self.modulus * k**2 - self.mass * omega**2 + 1j * omega * self.damping
         )
-        q0, v0 = -(steady + oscillating.real), -(1j * omega * oscillating).real
+        q0 = -(steady + oscillating.real)
+        v0 = -(1j * omega * oscillating).real
         a = (v0 - s2 * q0) / (s1 - s2)
         quasi_static = unit * np.cos(omega * t) / (self.modulus * k**2)
         parts = [(1j * omega, oscillating), (s1, a), (s2, q0 - a)]
         return self._sum(z, t, k, amplitude * (1 - np.cos(omega * t)), parts, quasi_static)
 
     def _modes(self):
-        """Return k (modes,) and the two roots of M s² + C s + E_c k²; the small one without loss of digits."""
+        """Return k (modes,) and the two roots of M s² + C s + E_c k²; the small one without loss of
+        digits.
+        """
         k = (2 * np.arange(self.modes) + 1) * np.pi / (2 * self.length)
         root = np.sqrt(self.damping**2 - 4 * self.mass * self.modulus * k**2 + 0j)
         s2 = (-self.damping - root) / (2 * self.mass)
         return k, self.modulus * k**2 / (self.mass * s2), s2
 
     def _sum(self, z, t, k, load, parts, remainder=0.0):
-        """Return u = f (L - z)/E_c + Σ cos(k z) (Σ c e^(s t) + remainder) and p = Σ sin(k z)/k (n_s/n_f ρ_fR q̈ + C q̇)."""
+        """Return u = f (L - z)/E_c + Σ cos(k z) (Σ c e^(s t) + remainder) and p = Σ sin(k z)/k
+        (n_s/n_f ρ_fR q̈ + C q̇).
+        """
         q, v, a = (sum((c * s**order * np.exp(s * t)).real for s, c in parts) for order in range(3))
         drag = (self.n_s / self.n_f * self.rho_fR * a + self.damping * v) / k
-        u = on_distinct(lambda z: load * (self.length - z) / self.modulus + np.cos(np.multiply.outer(z, k)) @ (q + remainder), z)
+        u = on_distinct(
+            lambda z: (
+                load * (self.length - z) / self.modulus
+                + np.cos(np.multiply.outer(z, k)) @ (q + remainder)
+            ),
+            z,
+        )
         return u, on_distinct(lambda z: np.sin(np.multiply.outer(z, k)) @ drag, z)

@@ -1,7 +1,9 @@
-"""Mandel's problem: a saturated slab between two rigid smooth plates, squeezed by a sudden force, drained at its two sides.
+"""Mandel's problem: a saturated slab between two rigid smooth plates, squeezed by a sudden force,
+drained at its two sides.
 
-Incompressible constituents (ν_u = 1/2, B = 1); Mandel (1953), Cheng & Detournay (1988).  x [m] is measured from the middle of
-the slab of width 2a, y from its middle plane; the force is 2F per depth [N/m].
+Incompressible constituents (ν_u = 1/2, B = 1); Mandel (1953), Cheng & Detournay (1988).  x [m] is
+measured from the middle of the slab of width 2a, y from its middle plane; the force is 2F per depth
+[N/m].
 """
 
 from dataclasses import dataclass
@@ -31,17 +33,26 @@ class Mandel:
 
     @cached_property
     def roots(self):
-        """Return a_n with tan a_n = 2 (1 - ν)/(1 - 2ν) a_n, one below every odd multiple of π/2, (MODES,)."""
+        """Return a_n with tan a_n = 2 (1 - ν)/(1 - 2ν) a_n, one below every odd multiple of π/2,
+        (MODES,).
+        """
         ratio = 2 * (1 - self.poisson) / (1 - 2 * self.poisson)
 
         def equation(a):
             return np.sin(a) - ratio * a * np.cos(a)
 
         poles = np.pi * (np.arange(MODES) + 0.5)
-        lower = np.append(1e-3, poles[1:] - np.pi / 2)  # sin > 0 there and cos > 0, so that the sign changes up to the pole
+        lower = np.append(
+            1e-3, poles[1:] - np.pi / 2
+        )  # sin > 0 there and cos > 0, so that the sign changes up to the pole
         from scipy.optimize import brentq  # slow to import, and few scenes have this reference
 
-        return np.array([brentq(equation, low, high, xtol=1e-14) for low, high in zip(lower, poles, strict=True)])
+        return np.array(
+            [
+                brentq(equation, low, high, xtol=1e-14)
+                for low, high in zip(lower, poles, strict=True)
+            ]
+        )
 
     def _decay(self, t):
         """Return the roots that count at time t, their e^(-a² T) and their a - sin a cos a."""
@@ -51,18 +62,32 @@ class Mandel:
         return a, np.exp(-(a**2) * T), a - np.sin(a) * np.cos(a)
 
     def pressure(self, x, t):
-        """Return p = (F/a) Σ sin a_n/(a_n - sin a_n cos a_n) (cos(a_n x/a) - cos a_n) e^(-a_n² T) [Pa]; p(x, 0+) = F/2a."""
+        """Return p = (F/a) Σ sin a_n/(a_n - sin a_n cos a_n) (cos(a_n x/a) - cos a_n) e^(-a_n² T)
+        [Pa]; p(x, 0+) = F/2a.
+        """
         a, decay, denominator = self._decay(t)
         factors = self.force / self.half_width * np.sin(a) / denominator * decay
-        return on_distinct(lambda x: (np.cos(np.multiply.outer(x / self.half_width, a)) - np.cos(a)) @ factors, x)
+        return on_distinct(
+            lambda x: (np.cos(np.multiply.outer(x / self.half_width, a)) - np.cos(a)) @ factors, x
+        )
 
     def displacement_x(self, x, t):
-        """Return u_x = (F/G) {[ν/2 - ½ Σ sin a cos a/(a - sin a cos a) e] x/a + Σ cos a/(a - sin a cos a) sin(a x/a) e} [m]."""
+        """Return u_x = (F/G) {[ν/2 - ½ Σ sin a cos a/(a - sin a cos a) e] x/a + Σ cos a/(a - sin a
+        cos a) sin(a x/a) e} [m].
+        """
         a, decay, denominator = self._decay(t)
         linear = self.poisson / 2 - (np.sin(a) * np.cos(a) / denominator) @ decay / 2
-        factors, r = np.cos(a) / denominator * decay, self.force / self.mu
+        factors = np.cos(a) / denominator * decay
+        r = self.force / self.mu
         return on_distinct(
-            lambda x: r * (linear * x / self.half_width + np.sin(np.multiply.outer(x / self.half_width, a)) @ factors), x
+            lambda x: (
+                r
+                * (
+                    linear * x / self.half_width
+                    + np.sin(np.multiply.outer(x / self.half_width, a)) @ factors
+                )
+            ),
+            x,
         )
 
     def displacement_y(self, y, t):

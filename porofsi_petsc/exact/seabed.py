@@ -1,7 +1,9 @@
-"""A standing wave on a deep seabed: incompressible constituents, quasi-static, plane strain (Yamamoto et al. 1978; Madsen 1978).
+"""A standing wave on a deep seabed: incompressible constituents, quasi-static, plane strain
+(Yamamoto et al. 1978; Madsen 1978).
 
-Where the surface is pressed by the pressure of the water alone, p̂ = p0 sin ωt cos kx with k = 2π/L, the volume does not change,
-the permeability and ν have no influence, and p is harmonic.  z [m] is the depth, x [m] the distance from a crest.
+Where the surface is pressed by the pressure of the water alone, p̂ = p0 sin ωt cos kx with k =
+2π/L, the volume does not change, the permeability and ν have no influence, and p is harmonic.  z
+[m] is the depth, x [m] the distance from a crest.
 """
 
 from dataclasses import dataclass
@@ -32,7 +34,9 @@ class Seabed:
         return self._surface(t) * np.exp(-k * z) * np.cos(k * x)
 
     def displacement(self, x, z, t):
-        """Return u_x = p0 sin ωt/(2μ) z e^(-kz) sin kx and the upward u_y = -p0 sin ωt/(2μk) (1 + kz) e^(-kz) cos kx [m]."""
+        """Return u_x = p0 sin ωt/(2μ) z e^(-kz) sin kx and the upward u_y = -p0 sin ωt/(2μk) (1 +
+        kz) e^(-kz) cos kx [m].
+        """
         k = self.wavenumber
         size = self._surface(t) * np.exp(-k * z) / (2 * self.mu)
         return size * z * np.sin(k * x), -size / k * (1 + k * z) * np.cos(k * x)

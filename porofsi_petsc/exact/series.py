@@ -7,7 +7,9 @@ LARGEST_EXPONENT = 40.0  # terms below e^-40 change no digit
 
 
 def modes(T):
-    """Return M = π (2n + 1)/2, (modes,), as many as count at the dimensionless time T = c_v t/H²."""
+    """Return M = π (2n + 1)/2, (modes,), as many as count at the dimensionless time T = c_v
+    t/H².
+    """
     largest = np.sqrt(LARGEST_EXPONENT / max(T, SMALLEST_TIME))
     return np.pi / 2 * (2 * np.arange(int(largest / np.pi) + 2) + 1)
 

@@ -1,14 +1,16 @@
-"""Unconfined compression: a saturated cylinder or strip between smooth impermeable plates that come together at once.
+"""Unconfined compression: a saturated cylinder or strip between smooth impermeable plates that come
+together at once.
 
-Incompressible constituents, small strain; Armstrong, Lai & Mow, J. Biomech. Eng. 106 (1984) 165 for the cylinder, and the
-same in plane strain.  The side r = R (x = a of the strip) is drained and free; the axial strain is -ε from t = 0+.  With
-H = λ + 2μ, diffusivity c = k H/γ and T = c t/R² the radial balance and Darcy's law leave u_t = c (div u)_r, p_r = H (div u)_r,
-div the radial one:
+Incompressible constituents, small strain; Armstrong, Lai & Mow, J. Biomech. Eng. 106 (1984) 165 for
+the cylinder, and the same in plane strain.  The side r = R (x = a of the strip) is drained and
+free; the axial strain is -ε from t = 0+.  With H = λ + 2μ, diffusivity c = k H/γ and T = c t/R² the
+radial balance and Darcy's law leave u_t = c (div u)_r, p_r = H (div u)_r, div the radial one:
 
     at t = 0+   div u = ε, that is u = ε r/2 (strip: ε x), p = 2μ (u/r) = μ ε (strip: 2μ ε)
     at the end  u = ν ε r (strip: ν/(1 - ν) ε x), p = 0
 
-and in between the modes of the boundary condition σ_r = H u_r + λ (u/r - ε) = 0 (strip: H u_x = λ ε).
+and in between the modes of the boundary condition σ_r = H u_r + λ (u/r - ε) = 0 (strip: H u_x = λ
+ε).
 """
 
 from dataclasses import dataclass
@@ -38,7 +40,9 @@ class UnconfinedCylinder:
 
     @cached_property
     def roots(self):
-        """Return a_n with J1(a) = (1 - ν)/(1 - 2ν) a J0(a), one below every zero of J0, (MODES,)."""
+        """Return a_n with J1(a) = (1 - ν)/(1 - 2ν) a J0(a), one below every zero of J0,
+        (MODES,).
+        """
         from scipy.optimize import brentq  # slow to import, and few scenes have this reference
         from scipy.special import j0, j1, jn_zeros
 
@@ -49,15 +53,25 @@ class UnconfinedCylinder:
 
         upper = jn_zeros(0, MODES)
         lower = np.append(1e-3, jn_zeros(1, MODES - 1))
-        return np.array([brentq(equation, low, high, xtol=1e-14) for low, high in zip(lower, upper, strict=True)])
+        return np.array(
+            [
+                brentq(equation, low, high, xtol=1e-14)
+                for low, high in zip(lower, upper, strict=True)
+            ]
+        )
 
     def _modes(self, t):
-        """Return the roots a that count at time t and A e^(-a² T), A = ε (1 - 2ν)/(1 - ν)/(J1(a) (a² - (1 - 2ν)/(1 - ν)²))."""
+        """Return the roots a that count at time t and A e^(-a² T), A = ε (1 - 2ν)/(1 - ν)/(J1(a)
+        (a² - (1 - 2ν)/(1 - ν)²)).
+        """
         from scipy.special import j1
 
-        T, nu = self.diffusivity * t / self.radius**2, self.poisson
+        T = self.diffusivity * t / self.radius**2
+        nu = self.poisson
         a = self.roots[: int(np.sqrt(LARGEST_EXPONENT / max(T, SMALLEST_TIME)) / np.pi) + 2]
-        amplitude = self.strain * (1 - 2 * nu) / (1 - nu) / (j1(a) * (a**2 - (1 - 2 * nu) / (1 - nu) ** 2))
+        amplitude = (
+            self.strain * (1 - 2 * nu) / (1 - nu) / (j1(a) * (a**2 - (1 - 2 * nu) / (1 - nu) ** 2))
+        )
         return a, amplitude * np.exp(-(a**2) * T)
 
     def displacement(self, r, t):
@@ -66,7 +80,12 @@ class UnconfinedCylinder:
 
         a, amplitude = self._modes(t)
         linear = self.poisson * self.strain
-        return on_distinct(lambda r: linear * r + self.radius * j1(np.multiply.outer(r / self.radius, a)) @ amplitude, r)
+        return on_distinct(
+            lambda r: (
+                linear * r + self.radius * j1(np.multiply.outer(r / self.radius, a)) @ amplitude
+            ),
+            r,
+        )
 
     def pressure(self, r, t):
         """Return p = H Σ A_n a_n (J0(a_n r/R) - J0(a_n)) e^(-a_n² T) [Pa]."""
@@ -74,7 +93,9 @@ class UnconfinedCylinder:
 
         a, amplitude = self._modes(t)
         factors = (self.lam + 2 * self.mu) * amplitude * a
-        return on_distinct(lambda r: (j0(np.multiply.outer(r / self.radius, a)) - j0(a)) @ factors, r)
+        return on_distinct(
+            lambda r: (j0(np.multiply.outer(r / self.radius, a)) - j0(a)) @ factors, r
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +109,9 @@ class UnconfinedStrip:
     diffusivity: float
 
     def _modes(self, t):
-        """Return M = π (2n + 1)/2, and (-1)^n 2 ε (1 - λ/H)/M² e^(-M² T), for the modes that count at time t."""
+        """Return M = π (2n + 1)/2, and (-1)^n 2 ε (1 - λ/H)/M² e^(-M² T), for the modes that count
+        at time t.
+        """
         T = self.diffusivity * t / self.half_width**2
         M = modes(T)
         drained = self.lam / (self.lam + 2 * self.mu)
@@ -97,8 +120,11 @@ class UnconfinedStrip:
     def displacement(self, x, t):
         """Return u_x = λ/H ε x + a Σ A_n sin(M_n x/a) e^(-M_n² T) [m]."""
         M, amplitude = self._modes(t)
-        linear, modal = self.lam / (self.lam + 2 * self.mu) * self.strain, self.half_width * amplitude
-        return on_distinct(lambda x: linear * x + np.sin(np.multiply.outer(x / self.half_width, M)) @ modal, x)
+        linear = self.lam / (self.lam + 2 * self.mu) * self.strain
+        modal = self.half_width * amplitude
+        return on_distinct(
+            lambda x: linear * x + np.sin(np.multiply.outer(x / self.half_width, M)) @ modal, x
+        )
 
     def pressure(self, x, t):
         """Return p = H Σ A_n M_n cos(M_n x/a) e^(-M_n² T) [Pa]."""

@@ -1,4 +1,6 @@
-"""Closed parts of a free fluid: where the velocity is known all around, any constant pressure solves the equations."""
+"""Closed parts of a free fluid: where the velocity is known all around, any constant pressure
+solves the equations.
+"""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -15,25 +17,33 @@ from .geometry import Rule
 
 # Largest |∫ ∂_i N_a dV| of a free component i over ∫ |∂_i N_a| dV: a mesh file may have six digits.
 TIGHT = 1e-6
-# Part of ∮ |v| dA that passes for round-off; and of the flow within a step, whose boundary may move, for the error in time.
-ROUND_OFF, STEP = 1e-9, 1e-3
+# Part of ∮ |v| dA that passes for round-off; and of the flow within a step, whose boundary may
+# move, for the error in time.
+ROUND_OFF = 1e-9
+STEP = 1e-3
 
 
 class ClosedPart:
     """A connected part of a fluid whose velocity is known wherever it could leave.
 
-    Weakly, ∫ p div w = 0 for a constant p: ∫ ∂_i N_a dV = 0 for every free component i of a node a.  The level of the pressure is
-    then that of zero mean over the reference configuration; and only data without a net flux have a solution.  What the shape
-    functions make of such data may have a small one, of which every node has the same share of its volume as a source.
+    Weakly, ∫ p div w = 0 for a constant p: ∫ ∂_i N_a dV = 0 for every free component i of a node a.
+    The level of the pressure is then that of zero mean over the reference configuration; and only
+    data without a net flux have a solution.  What the shape functions make of such data may have a
+    small one, of which every node has the same share of its volume as a source.
 
     nodes : (n_local,) bool; weight : (n_owned,) ∫ N_a dV/V [-], of sum 1 over all ranks;
     pin : owned node with the smallest number of the mesh file, None where another rank owns it
     """
 
     def __init__(self, domain, nodes, velocity, entries, where):
-        """Take a `Domain`, the nodes of the part, the `Dirichlet` of the velocity, its `Essential`s, the scene (collective)."""
-        self._domain, self.nodes, self._where = domain, nodes, where
-        self._comm, self._rows = domain.mesh.comm, nodes[domain.cells[:, 0]]
+        """Take a `Domain`, the nodes of the part, the `Dirichlet` of the velocity, its
+        `Essential`s, the scene (collective).
+        """
+        self._domain = domain
+        self.nodes = nodes
+        self._where = where
+        self._comm = domain.mesh.comm
+        self._rows = nodes[domain.cells[:, 0]]
         self.weight = _volumes(domain, self._rows)
         self.weight /= self._comm.allreduce(float(self.weight.sum()))
         self.pin = self._first_node()
@@ -56,9 +66,11 @@ class ClosedPart:
         return self._comm.allreduce(float(self.weight @ nodal[: len(self.weight)]))
 
     def net(self, terms):
-        """Return the net flux out of the part [m^d/s] from the terms (n_owned, 1) of its volume residuals (collective).
+        """Return the net flux out of the part [m^d/s] from the terms (n_owned, 1) of its volume
+        residuals (collective).
 
-        Raise IncompatibleData where it is none of interpolation, nor round-off of a flow that diverges.
+        Raise IncompatibleData where it is none of interpolation, nor round-off of a flow that
+        diverges.
         """
         here = self.nodes[: len(self.weight)]
         inside = np.concatenate([term[here, 0] for term in terms])
@@ -68,25 +80,34 @@ class ClosedPart:
         return net
 
     def require_balanced_data(self, t):
-        """Raise IncompatibleData where the formulas of the velocity have a net flux at a time, in the reference (collective)."""
+        """Raise IncompatibleData where the formulas of the velocity have a net flux at a time, in
+        the reference (collective).
+        """
         found = self._data.flux(t)
         self._require(found.net, found.missed + ROUND_OFF * found.size, t)
 
     def begin_step(self, t, end):
-        """Find what may pass for a net flux in a step between two times: the error of interpolation and in time (collective)."""
+        """Find what may pass for a net flux in a step between two times: the error of interpolation
+        and in time (collective).
+        """
         fluxes = self._data.flux(t), self._data.flux(end)
-        self._bound, self._end = max(f.missed + f.missed_at_nodes + STEP * f.size for f in fluxes), end
+        self._bound = max(f.missed + f.missed_at_nodes + STEP * f.size for f in fluxes)
+        self._end = end
 
     def _require(self, net, bound, t):
         if abs(net) <= bound:
             return
         unit = "m²/s" if self._domain.dim == 2 else "m³/s"
         received = (
-            f"received velocities that carry {abs(net):.6g} {unit} {'out of' if net > 0 else 'into'} a fluid closed all around"
+            f"received velocities that carry {abs(net):.6g} {unit}"
+            f" {'out of' if net > 0 else 'into'} a fluid closed all around"
         )
-        advice = "let as much flow in as out, or leave a component of the velocity free on one boundary"
+        advice = (
+            "let as much flow in as out, or leave a component of the velocity free on one boundary"
+        )
         raise IncompatibleData(
-            f"{self._where} [[boundary]]: {received} at t = {t:g} s, expected 0 within {bound:.1e} {unit}; {advice}"
+            f"{self._where} [[boundary]]: {received} at t = {t:g} s, expected 0 within {bound:.1e}"
+            f" {unit}; {advice}"
         )
 
 
@@ -94,7 +115,8 @@ class ClosedPart:
 class DataFlux:
     """Fluxes of prescribed velocities over the boundary of a closed part, all [m^d/s].
 
-    net : ∮ v·n dA of the formulas; missed : Σ |∮ (v_h - v)·n dA| over the facets, v_h of each formula's own values at the nodes;
+    net : ∮ v·n dA of the formulas; missed : Σ |∮ (v_h - v)·n dA| over the facets, v_h of each
+    formula's own values at the nodes;
     missed_at_nodes : the same with the values that nodes of two surfaces have; size : ∮ |v| dA
     """
 
@@ -105,19 +127,25 @@ class DataFlux:
 
 
 class _BoundaryData:
-    """The prescribed velocities on the boundary of a closed part: their nodal values beside their formulas."""
+    """The prescribed velocities on the boundary of a closed part: their nodal values beside their
+    formulas.
+    """
 
     def __init__(self, mesh, nodes, velocity, entries):
         """Prepare the quadrature on the facets of every tag; see `ClosedPart`."""
-        self._mesh, self._velocity = mesh, velocity
-        self._rule, expressions = Rule.of(FACET[mesh.element.name], 2 * mesh.element.order + 3), defaultdict(dict)
+        self._mesh = mesh
+        self._velocity = velocity
+        self._rule = Rule.of(FACET[mesh.element.name], 2 * mesh.element.order + 3)
+        expressions = defaultdict(dict)
         for tag, component, expression, *_ in entries:
             expressions[tag][component] = expression
         self._surfaces = []
         for tag, of_tag in expressions.items():
             facets = mesh.facets[tag]
             mine = facets.nodes[facets.owned & nodes[facets.nodes].all(axis=1)]
-            self._surfaces.append((mine, facet_normal(self._rule.dN, self._rule.weights, mesh.X[mine]), of_tag))
+            self._surfaces.append(
+                (mine, facet_normal(self._rule.dN, self._rule.weights, mesh.X[mine]), of_tag)
+            )
 
     def flux(self, t):
         """Return the `DataFlux` of a time (collective)."""
@@ -128,37 +156,48 @@ class _BoundaryData:
 
     def _surface(self, nodes, normal, expressions, nodal, t):
         """Return the shares of one surface in a `DataFlux`, (4,)."""
-        X, N = self._mesh.X[nodes], self._rule.N
+        X = self._mesh.X[nodes]
+        N = self._rule.N
 
         def formula(points):
             v = np.zeros(points.shape)
             for i, expression in expressions.items():
-                v[..., i] = expression(t, points.reshape(-1, points.shape[-1])).reshape(points.shape[:-1])
+                v[..., i] = expression(t, points.reshape(-1, points.shape[-1])).reshape(
+                    points.shape[:-1]
+                )
             return v
 
         given = list(expressions)
         exact = formula(N @ X)
         through, own, mixed = (
-            (v[..., given] * normal[..., given]).sum(axis=(1, 2)) for v in (exact, N @ formula(X), N @ nodal[nodes])
+            (v[..., given] * normal[..., given]).sum(axis=(1, 2))
+            for v in (exact, N @ formula(X), N @ nodal[nodes])
         )
         size = np.linalg.norm(exact, axis=2) * np.linalg.norm(normal, axis=2)
-        return np.array([through.sum(), np.abs(own - through).sum(), np.abs(mixed - through).sum(), size.sum()])
+        return np.array(
+            [through.sum(), np.abs(own - through).sum(), np.abs(mixed - through).sum(), size.sum()]
+        )
 
 
 def closed_nodes(domain: Domain, held: np.ndarray) -> list[np.ndarray]:
-    """Return the nodes of the closed parts of a `Domain`, (n_local,) bool each, by ascending node number (collective).
+    """Return the nodes of the closed parts of a `Domain`, (n_local,) bool each, by ascending node
+    number (collective).
 
     held : (n_local, d) bool, components of the velocity that are known
     """
-    label, n = _components(domain), domain.n_owned
-    flux, size = np.zeros((n, domain.dim)), np.zeros((n, domain.dim))
+    label = _components(domain)
+    n = domain.n_owned
+    flux = np.zeros((n, domain.dim))
+    size = np.zeros((n, domain.dim))
     for _, chunk in domain.chunks(domain.cells.shape[1] * domain.dim):
         geometry = domain.reference.part(chunk)
         for total, gradient in ((flux, _at_points(geometry)), (size, np.abs(_at_points(geometry)))):
             domain.add(total, chunk, np.einsum("eqai,eq->eai", gradient, geometry.dV))
     leaks = ((np.abs(flux) > TIGHT * size) & ~held[:n]).any(axis=1)
     mine = label[:n]
-    found = domain.mesh.comm.allgather((set(mine[domain.nodes].tolist()), set(mine[leaks].tolist())))
+    found = domain.mesh.comm.allgather(
+        (set(mine[domain.nodes].tolist()), set(mine[leaks].tolist()))
+    )
     everywhere, leaking = (set().union(*labels) for labels in zip(*found, strict=True))
     return [label == name for name in sorted(everywhere - leaking)]
 
@@ -168,16 +207,22 @@ def _at_points(geometry):
 
 
 def _components(domain):
-    """Return the smallest node number of the mesh file in the part of every node, -1 outside of the domain, (n_local,).
+    """Return the smallest node number of the mesh file in the part of every node, -1 outside of the
+    domain, (n_local,).
 
     Every rank joins what its elements connect, until no number falls any more (collective).
     """
-    mesh, n = domain.mesh, domain.n_local
+    mesh = domain.mesh
+    n = domain.n_local
     ends = np.repeat(domain.cells[:, 0], domain.cells.shape[1] - 1), domain.cells[:, 1:].ravel()
-    piece = connected_components(scipy.sparse.coo_matrix((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False)[1]
-    label, before = mesh.natural.copy(), None
+    piece = connected_components(
+        scipy.sparse.coo_matrix((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False
+    )[1]
+    label = mesh.natural.copy()
+    before = None
     while before is None or mesh.comm.allreduce(int((label != before).any())):
-        before, smallest = label, np.full(n, mesh.n_global)
+        before = label
+        smallest = np.full(n, mesh.n_global)
         np.minimum.at(smallest, piece, label)
         label = smallest[piece]
         mesh.halo.update(label)

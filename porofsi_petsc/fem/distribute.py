@@ -1,4 +1,6 @@
-"""The mesh of one rank: its own nodes, every cell that touches one of them, and the ghost nodes of these cells."""
+"""The mesh of one rank: its own nodes, every cell that touches one of them, and the ghost nodes of
+these cells.
+"""
 
 from dataclasses import dataclass
 
@@ -17,7 +19,8 @@ FACET_ARRAYS = ("nodes", "cells", "local", "owned")
 class Facets:
     """The facets of one tag that belong to a local cell.
 
-    nodes : (F, Af) local nodes, outward.  cells : (F,) local cell.  local : (F,) which facet of the cell.
+    nodes : (F, Af) local nodes, outward.  cells : (F,) local cell.  local : (F,) which facet of the
+    cell.
     owned : (F,) bool, true on exactly one rank.
     """
 
@@ -29,10 +32,13 @@ class Facets:
 
 @dataclass(frozen=True, eq=False)
 class LocalMesh:
-    """The part of the mesh on one rank, owned nodes first (ascending natural number), then ghosts (by owner and natural number).
+    """The part of the mesh on one rank, owned nodes first (ascending natural number), then ghosts
+    (by owner and natural number).
 
-    natural, numbering : (n_local,) natural and PETSc node numbers; the rank owns first … first + n_owned - 1.
-    X : (n_local, d) [m].  cells : (E, A) local nodes.  cell_owned : (E,) bool, true on exactly one rank.
+    natural, numbering : (n_local,) natural and PETSc node numbers; the rank owns first … first +
+    n_owned - 1.
+    X : (n_local, d) [m].  cells : (E, A) local nodes.  cell_owned : (E,) bool, true on exactly one
+    rank.
     cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.
     facets : tag -> Facets, the same tags on every rank.
     """
@@ -72,10 +78,18 @@ def distribute(comm, mesh, owner):
 
     mesh : mesh.Mesh, owner : (N,) rank of every node; both on rank 0 and ignored elsewhere.
     """
-    header, mine = _send_parts(comm, mesh, owner) if comm.rank == 0 else (comm.bcast(None), _receive_part(comm))
-    first, tags = header.pop("first"), header.pop("tags")
+    header, mine = (
+        _send_parts(comm, mesh, owner)
+        if comm.rank == 0
+        else (comm.bcast(None), _receive_part(comm))
+    )
+    first = header.pop("first")
+    tags = header.pop("tags")
     n_owned = int(first[comm.rank + 1] - first[comm.rank])
-    facets = {tag: Facets(*(mine.pop(f"{index}.{name}") for name in FACET_ARRAYS)) for index, tag in enumerate(tags)}
+    facets = {
+        tag: Facets(*(mine.pop(f"{index}.{name}") for name in FACET_ARRAYS))
+        for index, tag in enumerate(tags)
+    }
     return LocalMesh(
         comm=comm,
         element=ELEMENTS[header.pop("element")],
@@ -102,7 +116,9 @@ def _send_parts(comm, mesh, owner):
 
 
 def _receive_part(comm):
-    part = {name: np.empty(shape, dtype=dtype) for name, shape, dtype in comm.recv(source=0, tag=TAG)}
+    part = {
+        name: np.empty(shape, dtype=dtype) for name, shape, dtype in comm.recv(source=0, tag=TAG)
+    }
     for array in part.values():
         comm.Recv(array, 0, TAG)
     return part
@@ -112,7 +128,8 @@ class _Cutter:
     """What rank 0 needs to cut out the part of any rank."""
 
     def __init__(self, mesh, owner, size):
-        self._mesh, self._owner = mesh, np.asarray(owner, dtype=np.int64)
+        self._mesh = mesh
+        self._owner = np.asarray(owner, dtype=np.int64)
         first = np.searchsorted(np.sort(self._owner), np.arange(size + 1))
         self._nodes = np.argsort(self._owner, kind="stable")
         self._numbering = np.empty(len(owner), dtype=np.int64)
@@ -120,8 +137,13 @@ class _Cutter:
         self._first = first
         n_cells = len(mesh.cells)
         touches = np.unique(self._owner[mesh.cells] * n_cells + np.arange(n_cells)[:, None])
-        self._cells = np.split(touches % n_cells, np.searchsorted(touches, np.arange(1, size) * n_cells))
-        self._facets = [_FacetsByCell(nodes, *locate_facets(nodes, mesh.cells, mesh.element)) for nodes in mesh.facets.values()]
+        self._cells = np.split(
+            touches % n_cells, np.searchsorted(touches, np.arange(1, size) * n_cells)
+        )
+        self._facets = [
+            _FacetsByCell(nodes, *locate_facets(nodes, mesh.cells, mesh.element))
+            for nodes in mesh.facets.values()
+        ]
         self.header = {
             "element": mesh.element.name,
             "first": first,
@@ -133,8 +155,11 @@ class _Cutter:
         }
 
     def part(self, rank):
-        """Return the arrays of a rank, dict name -> array; the arrays of facet group i are called "i.nodes", ..."""
-        mesh, chosen = self._mesh, self._cells[rank]
+        """Return the arrays of a rank, dict name -> array; the arrays of facet group i are called
+        "i.nodes", ...
+        """
+        mesh = self._mesh
+        chosen = self._cells[rank]
         owned = self._nodes[self._first[rank] : self._first[rank + 1]]
         touched = np.unique(mesh.cells[chosen])
         ghosts = touched[self._owner[touched] != rank]
@@ -154,15 +179,21 @@ class _Cutter:
             here = facets.of(chosen)
             cells = np.searchsorted(chosen, facets.cell[here])
             arrays = (to_local(facets.nodes[here]), cells, facets.local[here], cell_owned[cells])
-            part |= {f"{index}.{name}": array for name, array in zip(FACET_ARRAYS, arrays, strict=True)}
+            part |= {
+                f"{index}.{name}": array for name, array in zip(FACET_ARRAYS, arrays, strict=True)
+            }
         return {name: np.ascontiguousarray(array) for name, array in part.items()}
 
 
 class _FacetsByCell:
-    """The facets of one tag, nodes (F, Af), cell and local (F,), found by their cells: a part costs what it holds."""
+    """The facets of one tag, nodes (F, Af), cell and local (F,), found by their cells: a part costs
+    what it holds.
+    """
 
     def __init__(self, nodes, cell, local):
-        self.nodes, self.cell, self.local = nodes, cell, local
+        self.nodes = nodes
+        self.cell = cell
+        self.local = local
         self._order = np.argsort(cell, kind="stable")
         self._sorted = cell[self._order]
 

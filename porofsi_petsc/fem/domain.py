@@ -1,4 +1,6 @@
-"""The elements of a rank grouped by material region: gathering, scattering, chunks that stay in cache."""
+"""The elements of a rank grouped by material region: gathering, scattering, chunks that stay in
+cache.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,26 +12,36 @@ from ..compiled import plain, specialized
 from ..errors import ConvergenceError
 from .geometry import Geometry, Rule, SecondDerivatives, element_size, geometry
 
-CHUNK_BYTES = 4_000_000  # element matrices of one chunk: vectors of a residual stay in the second-level cache, calls are few
+# element matrices of one chunk: vectors of a residual stay in the second-level cache, calls are few
+CHUNK_BYTES = 4_000_000
 
-STRAIGHT = 1e-6  # largest distance of a mid-edge node of a straight edge from its middle, over its length
+STRAIGHT = (
+    1e-6  # largest distance of a mid-edge node of a straight edge from its middle, over its length
+)
 
 
 class Domain:
-    """The local elements of a mesh, or of some of its regions, ordered by region, with their two quadrature rules.
+    """The local elements of a mesh, or of some of its regions, ordered by region, with their two
+    quadrature rules.
 
-    stiffness : rule exact for products of gradients; mass : exact for products of shape functions (straight-sided elements).
-    Where an element is curved the mass rule serves both: the volume change at fewer points is another one than that which the
-    pressure sees, and at ν = 0.4999 the skeleton would answer a pressure six times as much as λ allows.
-    nodes (n_active,) : the owned nodes that its elements touch; holds (n_local,) bool : the same with ghosts;
-    first, numbering (n_local,) : PETSc's numbers of these nodes, -1 elsewhere; n_nodes : on all ranks
-    Nodal fields have rows for all nodes of the mesh; matrices have those of `nodes` only.
+    stiffness : rule exact for products of gradients; mass : exact for products of shape functions
+    (straight-sided elements). Where an element is curved the mass rule serves both: the volume
+    change at fewer points is another one than that which the pressure sees, and at ν = 0.4999 the
+    skeleton would answer a pressure six times as much as λ allows. nodes (n_active,) : the owned
+    nodes that its elements touch; holds (n_local,) bool : the same with ghosts; first, numbering
+    (n_local,) : PETSc's numbers of these nodes, -1 elsewhere; n_nodes : on all ranks Nodal fields
+    have rows for all nodes of the mesh; matrices have those of `nodes` only.
     """
 
     def __init__(self, mesh, regions=None):
-        """Group the local elements of a `fem.LocalMesh`; regions : names, None for all (collective)."""
-        self.mesh, self.element = mesh, mesh.element
-        self.dim, self.n_local, self.n_owned = mesh.dim, mesh.n_local, mesh.n_owned
+        """Group the local elements of a `fem.LocalMesh`; regions : names, None for all
+        (collective).
+        """
+        self.mesh = mesh
+        self.element = mesh.element
+        self.dim = mesh.dim
+        self.n_local = mesh.n_local
+        self.n_owned = mesh.n_owned
         self.regions = tuple(name for name in mesh.regions if regions is None or name in regions)
         numbers = np.array([mesh.regions.index(name) for name in self.regions], dtype=int)
         chosen = np.flatnonzero(np.isin(mesh.cell_region, numbers))
@@ -45,14 +57,20 @@ class Domain:
         order = self.element.order
         self.mass = Rule.of(self.element, 2 * order)
         self.is_curved = order == 2 and self._has_curved_edge()
-        self.stiffness = self.mass if self.is_curved else Rule.of(self.element, max(2 * (order - 1), 1))
+        self.stiffness = (
+            self.mass if self.is_curved else Rule.of(self.element, max(2 * (order - 1), 1))
+        )
 
     def _has_curved_edge(self):
-        """Return whether a mid-edge node of any rank's elements is off the middle of its edge (collective)."""
+        """Return whether a mid-edge node of any rank's elements is off the middle of its edge
+        (collective).
+        """
         points, (a, b) = self.mesh.X[self.cells], np.array(self.element.edges).T
         off = points[:, self.dim + 1 :] - (points[:, a] + points[:, b]) / 2
         lengths = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
-        return self.mesh.comm.allreduce(bool((np.linalg.norm(off, axis=-1) > STRAIGHT * lengths).any()), MPI.LOR)
+        return self.mesh.comm.allreduce(
+            bool((np.linalg.norm(off, axis=-1) > STRAIGHT * lengths).any()), MPI.LOR
+        )
 
     def _number_nodes(self):
         """Set the nodes of the domain and their numbers (collective)."""
@@ -61,7 +79,8 @@ class Domain:
         touched[self.cells] = True
         self.nodes = np.flatnonzero(touched[: mesh.n_owned])
         counts = mesh.comm.allgather(len(self.nodes))
-        self.first, self.n_nodes = sum(counts[: mesh.comm.rank]), sum(counts)
+        self.first = sum(counts[: mesh.comm.rank])
+        self.n_nodes = sum(counts)
         number = np.full((mesh.n_owned, 1), -1)
         number[self.nodes, 0] = self.first + np.arange(len(self.nodes))
         self.numbering = mesh.halo.extend(number)[:, 0]
@@ -77,18 +96,29 @@ class Domain:
         return np.take(field, self.cells[rows], axis=0)
 
     def scatter_add(self, element_vectors):
-        """Return the sum of element vectors (E, A, k) or (E, A) over the owned nodes, (n_owned, k)."""
-        nodal = np.zeros((self.n_owned, 1 if element_vectors.ndim == 2 else element_vectors.shape[2]))
+        """Return the sum of element vectors (E, A, k) or (E, A) over the owned nodes, (n_owned,
+        k).
+        """
+        nodal = np.zeros(
+            (self.n_owned, 1 if element_vectors.ndim == 2 else element_vectors.shape[2])
+        )
         self.add(nodal, slice(None), element_vectors)
         return nodal
 
     def add(self, nodal, rows, element_vectors):
-        """Add the vectors (E, A, k) or (E, A) of some elements to a field of the owned nodes, (n_owned, k), in place."""
-        A, k = self.cells.shape[1], nodal.shape[1]
-        _add_loop(A, k)(np.ascontiguousarray(self.cells[rows]), plain(element_vectors).reshape(-1, A, k), nodal)
+        """Add the vectors (E, A, k) or (E, A) of some elements to a field of the owned nodes,
+        (n_owned, k), in place.
+        """
+        A = self.cells.shape[1]
+        k = nodal.shape[1]
+        _add_loop(A, k)(
+            np.ascontiguousarray(self.cells[rows]), plain(element_vectors).reshape(-1, A, k), nodal
+        )
 
     def chunks(self, doubles_per_cell):
-        """Yield (region name, slice): runs of elements of one region whose work arrays stay in cache."""
+        """Yield (region name, slice): runs of elements of one region whose work arrays stay in
+        cache.
+        """
         size = max(64, int(CHUNK_BYTES / (8 * doubles_per_cell)))
         for name, span in self.region_slices.items():
             for start in range(span.start, span.stop, size):
@@ -101,16 +131,22 @@ class Domain:
 
     @cached_property
     def reference_stiffness(self):
-        """Return the stiffness-rule geometry of the reference configuration; affine elements have one gradient for both rules."""
+        """Return the stiffness-rule geometry of the reference configuration; affine elements have
+        one gradient for both rules.
+        """
         if self.element.order == 1:
             volume = self.reference.dV.sum(axis=1, keepdims=True) / self.mass.weights.sum()
             return Geometry(self.reference.G, volume * self.stiffness.weights)
-        return self.reference if self.is_curved else geometry(self.stiffness, self.mesh.X[self.cells])
+        return (
+            self.reference if self.is_curved else geometry(self.stiffness, self.mesh.X[self.cells])
+        )
 
     @cached_property
     def reference_slope(self):
         """Return the `SecondDerivatives.volume_slope` of the reference configuration, (E, Q, d)."""
-        return SecondDerivatives.at(self.element, self.mesh.X[self.cells], self.reference, None).volume_slope
+        return SecondDerivatives.at(
+            self.element, self.mesh.X[self.cells], self.reference, None
+        ).volume_slope
 
     @cached_property
     def h(self):
@@ -118,9 +154,11 @@ class Domain:
         return element_size(self.element, self.mass, self.reference)
 
     def require(self, admissible, failure):
-        """Raise an error on all ranks unless the condition, (E, ...) bool, holds in every element (collective).
+        """Raise an error on all ranks unless the condition, (E, ...) bool, holds in every element
+        (collective).
 
-        failure : from the place of the first element as text to the ConvergenceError; called on all ranks together
+        failure : from the place of the first element as text to the ConvergenceError; called on all
+        ranks together
         """
         if self.mesh.comm.allreduce(bool(admissible.all()), MPI.LAND):
             return
@@ -131,8 +169,12 @@ class Domain:
         raise failure(f"({where}) m of the reference")
 
     def least_volume_ratio(self, u):
-        """Return the least J of an element under the displacement u (n_local, d), in its mean, 1 at most (collective)."""
-        ratio = geometry(self.mass, self.gather(self.mesh.X + u)).dV.sum(axis=1) / self.reference.dV.sum(axis=1)
+        """Return the least J of an element under the displacement u (n_local, d), in its mean, 1 at
+        most (collective).
+        """
+        ratio = geometry(self.mass, self.gather(self.mesh.X + u)).dV.sum(
+            axis=1
+        ) / self.reference.dV.sum(axis=1)
         return self.mesh.comm.allreduce(float(ratio.min(initial=1.0)), MPI.MIN)
 
     def sum_owned(self, cell_values):
@@ -142,7 +184,9 @@ class Domain:
 
 @specialized
 def _add_loop(A, k):
-    """Return the loop that adds element vectors (E, A, k) to the rows of a field (n_owned, k), element after element."""
+    """Return the loop that adds element vectors (E, A, k) to the rows of a field (n_owned, k),
+    element after element.
+    """
 
     def loop(cells, vectors, nodal):
         for e in range(len(cells)):
@@ -164,7 +208,8 @@ def _inverted(place):
 class Configuration:
     """The elements in one configuration of the mesh.
 
-    geometry : mass-rule gradients and weights; J (E, Q) volume ratio dv/dV to the reference configuration;
+    geometry : mass-rule gradients and weights; J (E, Q) volume ratio dv/dV to the reference
+    configuration;
     second : `SecondDerivatives` on the same rule, or None where they vanish or are not needed
     """
 
@@ -178,7 +223,9 @@ class Configuration:
         second = None
         if with_hessian and domain.element.order > 1:
             coordinates = domain.gather(domain.mesh.X)
-            second = SecondDerivatives.at(domain.element, coordinates, domain.reference, domain.reference_slope)
+            second = SecondDerivatives.at(
+                domain.element, coordinates, domain.reference, domain.reference_slope
+            )
         return cls(domain.reference, np.broadcast_to(1.0, domain.reference.dV.shape), second)
 
     @classmethod
@@ -192,5 +239,7 @@ class Configuration:
         domain.require(current.dV > 0, inverted)
         second = None
         if with_hessian and domain.element.order > 1:
-            second = SecondDerivatives.at(domain.element, coordinates, current, domain.reference_slope)
+            second = SecondDerivatives.at(
+                domain.element, coordinates, current, domain.reference_slope
+            )
         return cls(current, current.dV / domain.reference.dV, second)

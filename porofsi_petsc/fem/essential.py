@@ -1,4 +1,6 @@
-"""Essential conditions: values prescribed on the nodes of tagged surfaces, one at a node that several of them share."""
+"""Essential conditions: values prescribed on the nodes of tagged surfaces, one at a node that
+several of them share.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -7,8 +9,8 @@ import numpy as np
 
 from ..errors import InputError
 
-# Of two values on one node, over the largest that their conditions prescribe: above round-off of formulas and tables, far below
-# any error of discretization.
+# Of two values on one node, over the largest that their conditions prescribe: above round-off of
+# formulas and tables, far below any error of discretization.
 SAME = 1e-9
 
 
@@ -40,18 +42,26 @@ class Prescribed:
 class Dirichlet:
     """The essential conditions of one nodal field with k components.
 
-    mask : (n_local, k) bool, true where a value is prescribed, ghosts included.  At a node the conditions of the highest
-    precedence hold, whatever their order; they must agree, which is checked at given times and whenever they are applied.
+    mask : (n_local, k) bool, true where a value is prescribed, ghosts included.  At a node the
+    conditions of the highest precedence hold, whatever their order; they must agree, which is
+    checked at given times and whenever they are applied.
     """
 
     def __init__(self, mesh, components, given, times=(), where="scene"):
         """Collect the conditions, tuples as `Essential` takes them (collective).
 
-        times : at which values on common nodes are compared now; where : file of the scene, for messages
+        times : at which values on common nodes are compared now; where : file of the scene, for
+        messages
         """
-        self._mesh, self._where = mesh, where
-        given = sorted((Essential(*entry) for entry in given), key=lambda entry: (entry.tag, entry.component))
-        self.conditions = [Prescribed(entry, nodes) for entry, nodes in zip(given, _held(mesh, components, given), strict=True)]
+        self._mesh = mesh
+        self._where = where
+        given = sorted(
+            (Essential(*entry) for entry in given), key=lambda entry: (entry.tag, entry.component)
+        )
+        self.conditions = [
+            Prescribed(entry, nodes)
+            for entry, nodes in zip(given, _held(mesh, components, given), strict=True)
+        ]
         self.mask = np.zeros((mesh.n_local, components), dtype=np.uint8)
         for condition in self.conditions:
             self.mask[condition.nodes, condition.given.component] = 1
@@ -62,7 +72,8 @@ class Dirichlet:
             self._require_one_value(t, [condition.values(mesh, t) for condition in self.conditions])
 
     def apply(self, field, t):
-        """Overwrite the prescribed entries of a field (n_local, k) by their values at time t, ghosts included (collective).
+        """Overwrite the prescribed entries of a field (n_local, k) by their values at time t,
+        ghosts included (collective).
 
         Raises InputError where two conditions that hold at a node differ.
         """
@@ -78,15 +89,21 @@ class Dirichlet:
         return np.where(self.mask[: self._mesh.n_owned], 0.0, owned)
 
     def _require_one_value(self, t, values):
-        """Raise InputError at the first node, in the order of the mesh file, on which two values differ (collective)."""
+        """Raise InputError at the first node, in the order of the mesh file, on which two values
+        differ (collective).
+        """
         largest = [float(np.abs(found).max(initial=0.0)) for found in values]
         largest = np.max(self._mesh.comm.allgather(largest), axis=0)
         found = []
         for first, second, in_first, in_second in self._shared:
-            a, b = values[first][in_first], values[second][in_second]
+            a = values[first][in_first]
+            b = values[second][in_second]
             nodes = self.conditions[first].nodes[in_first]
             apart = np.abs(a - b) > SAME * max(largest[first], largest[second])
-            found += [(node, first, second, x, y) for node, x, y in zip(nodes[apart], a[apart], b[apart], strict=True)]
+            found += [
+                (node, first, second, x, y)
+                for node, x, y in zip(nodes[apart], a[apart], b[apart], strict=True)
+            ]
         worst = first_node(self._mesh, found)
         if worst is not None:
             raise InputError(self._conflict(t, *worst))
@@ -96,36 +113,52 @@ class Dirichlet:
         one, other = (self.conditions[i].given for i in (first, second))
         text = f"received {b:g} on '{other.tag}' at the node ({place}) m at t = {t:g} s"
         text += f", where {one.name} gives {a:g} on '{one.tag}'"
-        advice = "expected one value; let them agree there, or give the entry that is to hold a higher `priority`"
+        advice = (
+            "expected one value; let them agree there, or give the entry that is to hold a higher"
+            " `priority`"
+        )
         return f"{self._where} [{other.name}]: {text}, {advice}"
 
 
 def _held(mesh, components, given):
-    """Return the owned nodes of every `Essential` on which none of higher precedence holds the component."""
+    """Return the owned nodes of every `Essential` on which none of higher precedence holds the
+    component.
+    """
     nodes = [owned_nodes(mesh, entry.tag) for entry in given]
     highest = np.full((mesh.n_owned, components), -np.inf)
     for entry, here in zip(given, nodes, strict=True):
-        highest[here, entry.component] = np.maximum(highest[here, entry.component], entry.precedence)
-    return [here[highest[here, entry.component] == entry.precedence] for entry, here in zip(given, nodes, strict=True)]
+        highest[here, entry.component] = np.maximum(
+            highest[here, entry.component], entry.precedence
+        )
+    return [
+        here[highest[here, entry.component] == entry.precedence]
+        for entry, here in zip(given, nodes, strict=True)
+    ]
 
 
 def _shared(comm, conditions):
-    """Return (first, second, places in first, places in second) of all pairs with common nodes on some rank (collective).
+    """Return (first, second, places in first, places in second) of all pairs with common nodes on
+    some rank (collective).
 
     A pair that prescribes the same expression is left out.
     """
     pairs = []
     for j, second in enumerate(conditions):
         for i, first in enumerate(conditions[:j]):
-            if first.given.component == second.given.component and not _equal(first.given.expression, second.given.expression):
-                common, in_first, in_second = np.intersect1d(first.nodes, second.nodes, True, return_indices=True)
+            if first.given.component == second.given.component and not _equal(
+                first.given.expression, second.given.expression
+            ):
+                common, in_first, in_second = np.intersect1d(
+                    first.nodes, second.nodes, True, return_indices=True
+                )
                 pairs.append((i, j, in_first, in_second))
     counts = comm.allreduce(np.array([len(pair[2]) for pair in pairs], dtype=int))
     return [pair for pair, count in zip(pairs, counts, strict=True) if count]
 
 
 def first_node(mesh, found):
-    """Return the place as text and the rest of the record of the first node in the order of the mesh file, or None (collective).
+    """Return the place as text and the rest of the record of the first node in the order of the
+    mesh file, or None (collective).
 
     found : (local node, numbers …) of this rank
     """

@@ -15,7 +15,8 @@ from ..tensors import invert
 class Rule:
     """A quadrature rule with the shape functions of one element at its points.
 
-    N (Q, A), dN (Q', A, d) on the reference simplex, weights (Q,).  Q' = 1 for affine elements, whose gradients are constant.
+    N (Q, A), dN (Q', A, d) on the reference simplex, weights (Q,).  Q' = 1 for affine elements,
+    whose gradients are constant.
     """
 
     N: np.ndarray
@@ -32,7 +33,9 @@ class Rule:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Elements in one configuration: G = dN/dx, (E, Q', A, d) [1/m], and dV = |dx/dxi| w, (E, Q) [m^d]."""
+    """Elements in one configuration: G = dN/dx, (E, Q', A, d) [1/m], and dV = |dx/dxi| w, (E, Q)
+    [m^d].
+    """
 
     G: np.ndarray
     dV: np.ndarray
@@ -43,20 +46,26 @@ class Geometry:
 
 
 def geometry(rule, coordinates):
-    """Return the geometry of elements with nodal coordinates (E, A, d); dV <= 0 tells an inverted element."""
+    """Return the geometry of elements with nodal coordinates (E, A, d); dV <= 0 tells an inverted
+    element.
+    """
     E, A, d = coordinates.shape
     points = len(rule.dN)
-    G, determinant = np.empty((E, points, A, d)), np.empty((E, points))
+    G = np.empty((E, points, A, d))
+    determinant = np.empty((E, points))
     _geometry_loop(A, d)(plain(rule.dN), plain(coordinates), G, determinant)
     return Geometry(G, determinant * rule.weights)
 
 
 @specialized
 def _geometry_loop(A, d):
-    """Return the loop that writes dN/dx = dN/dxi (dx/dxi)^-1 and |dx/dxi| at the points of dN (Q', A, d)."""
+    """Return the loop that writes dN/dx = dN/dxi (dx/dxi)^-1 and |dx/dxi| at the points of dN (Q',
+    A, d).
+    """
 
     def loop(dN, coordinates, G, determinant):
-        jacobian, pull = stack((d, d)), stack((d, d))
+        jacobian = stack((d, d))
+        pull = stack((d, d))
         for e in range(len(G)):
             for q in range(len(dN)):
                 for i in range(d):
@@ -82,8 +91,8 @@ class SecondDerivatives:
 
         d²U/dx_i dx_j = (d²U/dxi_m dxi_n - dU/dx_k d²x_k/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j
 
-    G (E, Q, A, d) [1/m]; bend (E, d, d²) = d²x_k/dxi_m dxi_n [m]; reference_slope (E, Q, d), the `volume_slope` of the
-    reference configuration.
+    G (E, Q, A, d) [1/m]; bend (E, d, d²) = d²x_k/dxi_m dxi_n [m]; reference_slope (E, Q, d), the
+    `volume_slope` of the reference configuration.
     """
 
     element: Element
@@ -93,12 +102,18 @@ class SecondDerivatives:
 
     @classmethod
     def at(cls, element, coordinates, geometry_of_elements, reference_slope):
-        """Return those of elements with nodal coordinates (E, A, d); without a reference slope there is no `volume_gradient`."""
-        return cls(element, geometry_of_elements.G, _by_reference(element, coordinates), reference_slope)
+        """Return those of elements with nodal coordinates (E, A, d); without a reference slope
+        there is no `volume_gradient`.
+        """
+        return cls(
+            element, geometry_of_elements.G, _by_reference(element, coordinates), reference_slope
+        )
 
     def part(self, chunk):
         """Return those of a slice of the elements."""
-        return SecondDerivatives(self.element, self.G[chunk], self.bend[chunk], self.reference_slope[chunk])
+        return SecondDerivatives(
+            self.element, self.G[chunk], self.bend[chunk], self.reference_slope[chunk]
+        )
 
     @cached_property
     def shapes(self):
@@ -107,25 +122,36 @@ class SecondDerivatives:
         return self._to_space(hessian.reshape(len(hessian), -1), self.G)
 
     def field(self, U, gradient):
-        """Return d²U_k/dx_i dx_j, (E, Q, k, d, d), of nodal values U (E, A, k) with dU_k/dx_j (E, Q, k, d)."""
+        """Return d²U_k/dx_i dx_j, (E, Q, k, d, d), of nodal values U (E, A, k) with dU_k/dx_j (E,
+        Q, k, d).
+        """
         return self._to_space(_by_reference(self.element, U)[:, None], gradient)
 
     def viscous(self, U, gradient):
-        """Return ΔU + ∇ div U, (E, Q, d), of nodal values U (E, A, d) with dU_k/dx_j (E, Q, d, d): `field` contracted early."""
-        pull, d = self._pull, self.element.dim
+        """Return ΔU + ∇ div U, (E, Q, d), of nodal values U (E, A, d) with dU_k/dx_j (E, Q, d, d):
+        `field` contracted early.
+        """
+        pull = self._pull
+        d = self.element.dim
         second = _by_reference(self.element, U)[:, None] - self._bent(gradient)
         metric = (pull @ np.swapaxes(pull, 2, 3)).reshape(*pull.shape[:2], d * d, 1)
         mixed = np.einsum("eqlmn,eqnl->eqm", second.reshape(*pull.shape[:2], d, d, d), pull)
         return (second @ metric + np.swapaxes(pull, 2, 3) @ mixed[..., None])[..., 0]
 
     def _to_space(self, second, gradient):
-        """Return second derivatives by x, (E, Q, k, d, d), from those by xi, (..., k, d²), and first ones by x, (E, Q, k, d)."""
+        """Return second derivatives by x, (E, Q, k, d, d), from those by xi, (..., k, d²), and
+        first ones by x, (E, Q, k, d).
+        """
         d = self.element.dim
-        pairs = np.einsum("eqmi,eqnj->eqmnij", self._pull, self._pull).reshape(*self.G.shape[:2], d * d, d * d)
+        pairs = np.einsum("eqmi,eqnj->eqmnij", self._pull, self._pull).reshape(
+            *self.G.shape[:2], d * d, d * d
+        )
         return ((second - self._bent(gradient)) @ pairs).reshape(*gradient.shape, d)
 
     def _bent(self, gradient):
-        """Return dU_k/dx_l d²x_l/dxi_m dxi_n, (E, Q, k, d²), of dU_k/dx_l (E, Q, k, d): one product for each element."""
+        """Return dU_k/dx_l d²x_l/dxi_m dxi_n, (E, Q, k, d²), of dU_k/dx_l (E, Q, k, d): one product
+        for each element.
+        """
         E, Q, k, d = gradient.shape
         return (gradient.reshape(E, Q * k, d) @ self.bend).reshape(E, Q, k, d * d)
 
@@ -154,29 +180,36 @@ def _by_reference(element, U):
 
 
 def element_size(element, rule, geometry_of_elements):
-    """Return h = (d! V)^(1/d) / order, (E,) [m]: the leg of a right-angled simplex of the same volume, per node spacing."""
+    """Return h = (d! V)^(1/d) / order, (E,) [m]: the leg of a right-angled simplex of the same
+    volume, per node spacing.
+    """
     factorial = {2: 2.0, 3: 6.0}[element.dim]
-    volume = np.broadcast_to(geometry_of_elements.dV, (len(geometry_of_elements.dV), len(rule.weights))).sum(axis=1)
+    volume = np.broadcast_to(
+        geometry_of_elements.dV, (len(geometry_of_elements.dV), len(rule.weights))
+    ).sum(axis=1)
     return (factorial * volume) ** (1 / element.dim) / element.order
 
 
 def element_size_tensor(vertices, h):
-    """Return the tensor of the second moments of the vertices, scaled to det = h^(2 d), (E, d, d) [m²].
+    """Return the tensor of the second moments of the vertices, scaled to det = h^(2 d), (E, d, d)
+    [m²].
 
-    An element that is stretched has one length along and another one across; a regular one has h² times the identity.
-    vertices (E, d + 1, d); h (E,) of `element_size`
+    An element that is stretched has one length along and another one across; a regular one has h²
+    times the identity. vertices (E, d + 1, d); h (E,) of `element_size`
     """
     moments = _moments(vertices)
     return moments * (h**2 / np.linalg.det(moments) ** (1 / vertices.shape[-1]))[:, None, None]
 
 
 def shape_quality(vertices):
-    """Return d det(M)^(1/d) / tr M of simplices, M the second moments of their vertices (E, d + 1, d), (E,).
+    """Return d det(M)^(1/d) / tr M of simplices, M the second moments of their vertices (E, d + 1,
+    d), (E,).
 
-    The mean ratio d det(A)^(2/d) / A:A of the map A of a regular simplex (Knupp, SIAM J. Sci. Comput. 23 (2001) 193): 1 for a
-    regular one, 0 for a flat one, whatever its size.
+    The mean ratio d det(A)^(2/d) / A:A of the map A of a regular simplex (Knupp, SIAM J. Sci.
+    Comput. 23 (2001) 193): 1 for a regular one, 0 for a flat one, whatever its size.
     """
-    moments, d = _moments(vertices), vertices.shape[-1]
+    moments = _moments(vertices)
+    d = vertices.shape[-1]
     return d * np.linalg.det(moments) ** (1 / d) / np.trace(moments, axis1=1, axis2=2)
 
 

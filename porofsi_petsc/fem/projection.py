@@ -13,23 +13,32 @@ from ..kernels.surface import facet_normal
 from ..mesh.topology import cell_facets, group_rows
 from .closest import closest_points, facet_sizes
 
-# Parts of an edge for each facet of the other side, whose shape functions have kinks inside, and at most; by the dimension of the
-# surface.
-FINER, FINEST, ROUND_OFF = {1: 4, 2: 2}, {1: 32, 2: 4}, 1e-9
-SHARP = np.cos(np.radians(50))  # of the angle between normals: eight facets of a circle are smooth, corners are not
+# Parts of an edge for each facet of the other side, whose shape functions have kinks inside, and at
+# most; by the dimension of the surface.
+FINER = {1: 4, 2: 2}
+FINEST = {1: 32, 2: 4}
+ROUND_OFF = 1e-9
+SHARP = np.cos(
+    np.radians(50)
+)  # of the angle between normals: eight facets of a circle are smooth, corners are not
 
 
 class SurfaceProjection:
-    """u = P w with ∮ ψ_i u dA = ∮ ψ_i w dA for the inner nodes i of the faces of a surface, u = w at the nodes r of their rims.
+    """u = P w with ∮ ψ_i u dA = ∮ ψ_i w dA for the inner nodes i of the faces of a surface, u = w
+    at the nodes r of their rims.
 
-    Faces end at sharp edges, where tractions jump, and with the surface, at walls and symmetry planes, where u is prescribed.  On
-    a face ψ_i is N_i with the N_r of the rim's nodes to which i is the closest inner one, so that Σ ψ_i = 1 and Pᵀ makes constant
-    tractions of constant ones (Bernardi, Maday & Patera 1994).  With nodes s of the source and R = N_s at the rims:
-    M_ψi u_i = (M_ψs - M_ψr R) w.  The same quadrature on both sides makes P exact for all fields that both can represent.
+    Faces end at sharp edges, where tractions jump, and with the surface, at walls and symmetry
+    planes, where u is prescribed.  On a face ψ_i is N_i with the N_r of the rim's nodes to which i
+    is the closest inner one, so that Σ ψ_i = 1 and Pᵀ makes constant tractions of constant ones
+    (Bernardi, Maday & Patera 1994).  With nodes s of the source and R = N_s at the rims: M_ψi u_i =
+    (M_ψs - M_ψr R) w.  The same quadrature on both sides makes P exact for all fields that both can
+    represent.
     """
 
     def __init__(self, cell_element, facets, X):
-        """Take target and source: facets, (F, Af) positions of their nodes, and coordinates (F, Af, d) [m]."""
+        """Take target and source: facets, (F, Af) positions of their nodes, and coordinates (F, Af,
+        d) [m].
+        """
         self._element, (target, source), (X_target, X_source) = cell_element, facets, X
         self._shape = target.max() + 1, source.max() + 1
         face, self._rim = _faces(target, X_target, FACET[cell_element.name])
@@ -38,19 +47,40 @@ class SurfaceProjection:
         points[target] = X_target
         facet, N, _ = closest_points(cell_element, X_source, points[self._rim])
         self._at_rim = _sparse(N, source[facet], (len(self._rim), self._shape[1]))
-        mass, crossed = (m[self._inner] for m in self._masses(_tests(target, face, self._rim, points), facets, X))
+        mass, crossed = (
+            m[self._inner] for m in self._masses(_tests(target, face, self._rim, points), facets, X)
+        )
         self._crossed = crossed - mass[:, self._rim] @ self._at_rim
         self._factor = splu(mass[:, self._inner].tocsc()) if len(self._inner) else None
 
     def _masses(self, tests, facets, X):
-        """Return ∮ ψ_a N_b dA, (n, n), and ∮ ψ_a N_s dA, (n, n_source); tests : those of `_tests`."""
-        element, (target, source), (X_target, X_source), n = FACET[self._element.name], facets, X, self._shape[0]
-        refinement = ceil(FINER[element.dim] * facet_sizes(X_target).max() / facet_sizes(X_source).min() - ROUND_OFF)
-        points, weights = subdivided(element.dim, 2 * element.order, min(refinement, FINEST[element.dim]))
-        N, dA = element.shape(points), facet_normal(element.gradient(points), weights, X_target)
-        facet, N_source, _ = closest_points(self._element, X_source, (N @ X_target).reshape(-1, self._element.dim))
-        count, everywhere = len(facet), np.tile(N, (len(target), 1))
-        test, here = (_sparse(everywhere, np.repeat(nodes, len(N), axis=0), (count, n + 1)) for nodes in (tests, target))
+        """Return ∮ ψ_a N_b dA, (n, n), and ∮ ψ_a N_s dA, (n, n_source); tests : those of
+        `_tests`.
+        """
+        element, (target, source), (X_target, X_source), n = (
+            FACET[self._element.name],
+            facets,
+            X,
+            self._shape[0],
+        )
+        refinement = ceil(
+            FINER[element.dim] * facet_sizes(X_target).max() / facet_sizes(X_source).min()
+            - ROUND_OFF
+        )
+        points, weights = subdivided(
+            element.dim, 2 * element.order, min(refinement, FINEST[element.dim])
+        )
+        N = element.shape(points)
+        dA = facet_normal(element.gradient(points), weights, X_target)
+        facet, N_source, _ = closest_points(
+            self._element, X_source, (N @ X_target).reshape(-1, self._element.dim)
+        )
+        count = len(facet)
+        everywhere = np.tile(N, (len(target), 1))
+        test, here = (
+            _sparse(everywhere, np.repeat(nodes, len(N), axis=0), (count, n + 1))
+            for nodes in (tests, target)
+        )
         there = _sparse(N_source, source[facet], (count, self._shape[1]))
         weighted = test[:, :n].T @ scipy.sparse.diags(np.linalg.norm(dA, axis=-1).ravel())
         return (weighted @ here[:, :n]).tocsr(), (weighted @ there).tocsr()
@@ -64,7 +94,9 @@ class SurfaceProjection:
 
     def transposed(self, forces):
         """Return Pᵀ F on the source's nodes, (n_source, k), of F (n, k)."""
-        return self._at_rim.T @ forces[self._rim] + self._crossed.T @ self._solve(forces[self._inner], "T")
+        return self._at_rim.T @ forces[self._rim] + self._crossed.T @ self._solve(
+            forces[self._inner], "T"
+        )
 
     def _solve(self, right, transposed):
         return self._factor.solve(right, transposed) if self._factor else right
@@ -80,17 +112,26 @@ def _faces(facets, X, element):
     owner = np.repeat(np.arange(len(facets)), edges.shape[1])
     order = np.argsort(group, kind="stable")
     same = group[order[1:]] == group[order[:-1]]
-    first, second = order[:-1][same], order[1:][same]
+    first = order[:-1][same]
+    second = order[1:][same]
     smooth = (normals[owner[first]] * normals[owner[second]]).sum(axis=1) > SHARP
-    first, second = first[smooth], second[smooth]
-    links = scipy.sparse.coo_matrix((np.ones(len(first)), (owner[first], owner[second])), (len(facets),) * 2)
+    first = first[smooth]
+    second = second[smooth]
+    links = scipy.sparse.coo_matrix(
+        (np.ones(len(first)), (owner[first], owner[second])), (len(facets),) * 2
+    )
     on_rim = ~np.isin(np.arange(len(owner)), np.concatenate([first, second]))
-    return connected_components(links, directed=False)[1], np.unique(edges.reshape(len(owner), -1)[on_rim])
+    return connected_components(links, directed=False)[1], np.unique(
+        edges.reshape(len(owner), -1)[on_rim]
+    )
 
 
 def _tests(facets, face, rim, points):
-    """Return the inner node whose ψ holds the shape function of a node on a facet, (F, Af); n where the face has none."""
-    tests, at_rim = facets.copy(), np.isin(facets, rim)
+    """Return the inner node whose ψ holds the shape function of a node on a facet, (F, Af); n where
+    the face has none.
+    """
+    tests = facets.copy()
+    at_rim = np.isin(facets, rim)
     tests[at_rim] = len(points)
     for number in np.unique(face):
         here = face == number

@@ -1,4 +1,5 @@
-"""The contractions that turn pointwise quantities into element vectors and matrices, where no compiled loop does.
+"""The contractions that turn pointwise quantities into element vectors and matrices, where no
+compiled loop does.
 
 Quadrature is merged into the contracted axis of one stacked matrix product.
 """
@@ -7,7 +8,9 @@ import numpy as np
 
 
 def broadcast_gradient(G, points):
-    """Return G, (E, Q, A, d), from gradients that may be constant over the element, (E, 1, A, d)."""
+    """Return G, (E, Q, A, d), from gradients that may be constant over the element, (E, 1, A,
+    d).
+    """
     return np.broadcast_to(G, (G.shape[0], points, *G.shape[2:]))
 
 
@@ -27,7 +30,9 @@ def bilinear(left, right):
 
 
 def laplacian(G, weights):
-    """Return the sum over q of dN_a/dx_j w dN_b/dx_j, (E, A, A), for weights (E, Q) that include dV."""
+    """Return the sum over q of dN_a/dx_j w dN_b/dx_j, (E, A, A), for weights (E, Q) that include
+    dV.
+    """
     if G.shape[1] == 1:
         return weights.sum(axis=1)[:, None, None] * (G[:, 0] @ np.swapaxes(G[:, 0], 1, 2))
     E, Q, A, d = G.shape
@@ -37,6 +42,8 @@ def laplacian(G, weights):
 
 
 def add_isotropic(matrix, block, components):
-    """Add a scalar block (E, A, B) to the components (i, i) of matrix (E, A, m, B, m) for i < components, in place."""
+    """Add a scalar block (E, A, B) to the components (i, i) of matrix (E, A, m, B, m) for i <
+    components, in place.
+    """
     for i in range(components):
         matrix[:, :, i, :, i] += block

@@ -1,13 +1,17 @@
-"""The innermost loop of the compiled routines: what a point adds to the vectors and matrices of its element."""
+"""The innermost loop of the compiled routines: what a point adds to the vectors and matrices of its
+element.
+"""
 
 from ..compiled import inlined
 
 
 @inlined
 def add_point(A, d, size, N, q, g, D, e, out):
-    """Add N_a D_0z + ∂_j N_a D_jz to out (E, A, >= size) of element e, for N (Q, A), gradients g (A, d) and D (1 + d, size).
+    """Add N_a D_0z + ∂_j N_a D_jz to out (E, A, >= size) of element e, for N (Q, A), gradients g
+    (A, d) and D (1 + d, size).
 
-    The columns z are terms of a residual, or rows times unknowns of a tangent: one long contiguous loop.
+    The columns z are terms of a residual, or rows times unknowns of a tangent: one long contiguous
+    loop.
     """
     for a in range(A):
         n = N[q, a]
@@ -16,4 +20,6 @@ def add_point(A, d, size, N, q, g, D, e, out):
                 out[e, a, z] += n * D[0, z] + g[a, 0] * D[1, z] + g[a, 1] * D[2, z]
         else:
             for z in range(size):
-                out[e, a, z] += n * D[0, z] + g[a, 0] * D[1, z] + g[a, 1] * D[2, z] + g[a, 2] * D[3, z]
+                out[e, a, z] += (
+                    n * D[0, z] + g[a, 0] * D[1, z] + g[a, 1] * D[2, z] + g[a, 2] * D[3, z]
+                )

@@ -1,7 +1,9 @@
-"""Off-diagonal tangents between the phases on a fixed mesh: what each residual feels of the other phase's unknowns.
+"""Off-diagonal tangents between the phases on a fixed mesh: what each residual feels of the other
+phase's unknowns.
 
-Derivatives are by the increments on the collocation level; dv_s = c_v dy.  The change of the geometry itself (direct
-coupling) is not part of them.  A free fluid feels no skeleton, only the velocity of its mesh.
+Derivatives are by the increments on the collocation level; dv_s = c_v dy.  The change of the
+geometry itself (direct coupling) is not part of them.  A free fluid feels no skeleton, only the
+velocity of its mesh.
 """
 
 import numpy as np
@@ -11,12 +13,14 @@ from .flow import flow_points, strong_gradient
 
 
 def flow_by_skeleton(el, f, c_v, moving_mesh):
-    """Return the derivative of `flow.flow_residual` by the skeleton's positions through v_s (and v_m = v_s where the mesh moves).
+    """Return the derivative of `flow.flow_residual` by the skeleton's positions through v_s (and
+    v_m = v_s where the mesh moves).
 
     (E, A, d + 1, A, d): rows v_f and p, columns y [N/m and m²/s].
     """
     x = flow_points(el, f)
-    dV, n = el.geometry.dV, el.n
+    dV = el.geometry.dV
+    n = el.n
     E, _, A, d = el.geometry.G.shape
     G = broadcast_gradient(el.geometry.G, dV.shape[1])
     N = np.broadcast_to(el.N, G.shape[:3])
@@ -26,7 +30,9 @@ def flow_by_skeleton(el, f, c_v, moving_mesh):
     for j in range(d):
         if el.convection:
             for i in range(d):
-                K[:, :, i, :, j] += bilinear((n * (1 - n) * el.nu_lsic * dV)[..., None] * G[..., i], G[..., j])
+                K[:, :, i, :, j] += bilinear(
+                    (n * (1 - n) * el.nu_lsic * dV)[..., None] * G[..., i], G[..., j]
+                )
         flux = (n * dV)[..., None] - (el.tau * n)[..., None] * drag
         K[:, :, d, :, j] = bilinear(dV[..., None] * N, G[..., j]) + bilinear(flux * G[..., j], N)
     if el.convection and moving_mesh:
@@ -35,14 +41,16 @@ def flow_by_skeleton(el, f, c_v, moving_mesh):
 
 
 def flow_by_drag(el, f, c_v):
-    """Return the derivative of a free fluid's residuals by the positions of a skeleton that it flows through, by the drag alone.
+    """Return the derivative of a free fluid's residuals by the positions of a skeleton that it
+    flows through, by the drag alone.
 
     (E, A, d + 1, A, d): rows v_f and p, columns y [N/m and m²/s].
     """
     x = flow_points(el, f)
     E, _, A, d = el.geometry.G.shape
     G = broadcast_gradient(el.geometry.G, el.geometry.dV.shape[1])
-    N, drag = np.broadcast_to(el.N, G.shape[:3]), (el.S * el.geometry.dV)[..., None]
+    N = np.broadcast_to(el.N, G.shape[:3])
+    drag = (el.S * el.geometry.dV)[..., None]
     K = np.zeros((E, A, d + 1, A, d))
     add_isotropic(K, -bilinear(drag * _tests(el, x, G), N), d)
     for j in range(d):
@@ -51,7 +59,8 @@ def flow_by_drag(el, f, c_v):
 
 
 def flow_by_mesh_velocity(el, f, c_m):
-    """Return the derivative of `flow.flow_residual` by the mesh's positions through v_m alone (c = v - v_m), dv_m = c_m dy.
+    """Return the derivative of `flow.flow_residual` by the mesh's positions through v_m alone (c =
+    v - v_m), dv_m = c_m dy.
 
     (E, A, d + 1, A, d): rows v_f and p, columns y [N/m and m²/s]; zero without convection.
     """
@@ -66,13 +75,19 @@ def flow_by_mesh_velocity(el, f, c_m):
 def _tests(el, x, G):
     """Return N_a + τ ρ c·∇N_a, what the strong residual is tested with, (E, Q, A)."""
     N = np.broadcast_to(el.N, G.shape[:3])
-    return N + (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else N
+    return (
+        N + (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else N
+    )
 
 
 def _add_mesh_velocity(K, el, x, G):
-    """Add the derivative by v_m: d r_i/d v_m,j = -ρ ∂v_i/∂x_j, and SUPG's test function, whose c changes too."""
-    dV, d = el.geometry.dV, G.shape[-1]
-    N, tests = np.broadcast_to(el.N, G.shape[:3]), _tests(el, x, G)
+    """Add the derivative by v_m: d r_i/d v_m,j = -ρ ∂v_i/∂x_j, and SUPG's test function, whose c
+    changes too.
+    """
+    dV = el.geometry.dV
+    d = G.shape[-1]
+    N = np.broadcast_to(el.N, G.shape[:3])
+    tests = _tests(el, x, G)
     strong = -dV[..., None, None] * strong_gradient(el, x)
     for j in range(d):
         for i in range(d):
@@ -83,7 +98,9 @@ def _add_mesh_velocity(K, el, x, G):
 
 
 def solid_by_drag(N, geometry, S):
-    """Return the derivative of the solid's drag by (v_f, p), (E, A, d, A, d + 1) [N s/m]; the columns of p are zero."""
+    """Return the derivative of the solid's drag by (v_f, p), (E, A, d, A, d + 1) [N s/m]; the
+    columns of p are zero.
+    """
     E, _, A, d = geometry.G.shape
     K = np.zeros((E, A, d, A, d + 1))
     drag = mass_matrix(N, -S * geometry.dV)
@@ -93,7 +110,9 @@ def solid_by_drag(N, geometry, S):
 
 
 def solid_by_flow(N, geometry, n, S):
-    """Return the derivative of the solid's pressure and drag terms by (v_f, p), (E, A, d, A, d + 1) [N s/m and m²]."""
+    """Return the derivative of the solid's pressure and drag terms by (v_f, p), (E, A, d, A, d + 1)
+    [N s/m and m²].
+    """
     dV = geometry.dV
     E, _, A, d = geometry.G.shape
     G = broadcast_gradient(geometry.G, dV.shape[1])
@@ -102,5 +121,7 @@ def solid_by_flow(N, geometry, n, S):
     K = np.zeros((E, A, d, A, d + 1))
     for i in range(d):
         K[:, :, i, :, i] = drag
-        K[:, :, i, :, d] = -bilinear(dV[..., None] * G[..., i], Nq) - bilinear((n * dV)[..., None] * Nq, G[..., i])
+        K[:, :, i, :, d] = -bilinear(dV[..., None] * G[..., i], Nq) - bilinear(
+            (n * dV)[..., None] * Nq, G[..., i]
+        )
     return K

@@ -1,32 +1,38 @@
-"""Element residual and tangent of the interstitial fluid in ALE description: equal order, PSPG, SUPG, LSIC and drag.
+"""Element residual and tangent of the interstitial fluid in ALE description: equal order, PSPG,
+SUPG, LSIC and drag.
 
-Momentum (w) and volume balance (q) over the current configuration, with c = v - v_m and w_rel = v - v_s:
+Momentum (w) and volume balance (q) over the current configuration, with c = v - v_m and w_rel = v -
+v_s:
 
-    ∫ w·[ρ (a + c·∇v) + n ∇p + S w_rel - ρ b] + ∫ ∇w : 2 n μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ n ν_L div w (div v_s + n div w_rel)
-    ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ c_v τ_u ∇q·∇(p - p_n) + ∮ q n w_rel·n
+    ∫ w·[ρ (a + c·∇v) + n ∇p + S w_rel - ρ b] + ∫ ∇w : 2 n μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ n ν_L div w
+    (div v_s + n div w_rel) ∫ q div v_s - ∫ n ∇q·w_rel + ∫ τ n ∇q·r + ∫ c_v τ_u ∇q·∇(p - p_n) + ∮ q
+    n w_rel·n
 
-r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - div(2 n μ sym ∇v) is the full strong residual, n the fluid fraction, ρ = n ρ_fR.
-On linear elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume balance has no w_rel·∇n.
-The pressure term is not integrated by parts, so that an impermeable surface, fixed or moving (w_rel·n = 0), is natural; a
-drained one prescribes p (Tezduyar 1992 for PSPG and LSIC; the subgrid velocity is -τ r).  Terms are kept apart, see
-`kernels.solid`.
+r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - div(2 n μ sym ∇v) is the full strong residual, n the fluid
+fraction, ρ = n ρ_fR. On linear elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume
+balance has no w_rel·∇n. The pressure term is not integrated by parts, so that an impermeable
+surface, fixed or moving (w_rel·n = 0), is natural; a drained one prescribes p (Tezduyar 1992 for
+PSPG and LSIC; the subgrid velocity is -τ r).  Terms are kept apart, see `kernels.solid`.
 
-A free fluid has n = 1 and no skeleton.  There the pressure is integrated by parts, so that the full traction
-σ n = (-p I + 2 μ sym ∇v) n is natural: an outlet may be left alone, and the residual of a node on the boundary is the fluid's
-traction ∮ w·σ n on it.
+A free fluid has n = 1 and no skeleton.  There the pressure is integrated by parts, so that the full
+traction σ n = (-p I + 2 μ sym ∇v) n is natural: an outlet may be left alone, and the residual of a
+node on the boundary is the fluid's traction ∮ w·σ n on it.
 
     ∫ w·[ρ (a + c·∇v) - ρ b] - ∫ p div w + ∫ ∇w : 2 μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ ν_L div w div v
     ∫ q div v + ∫ τ ∇q·r
 
-Where it flows through a porous solid, v is the volume-averaged velocity v_s + n_f w and S w_rel = S (v - v_s) is added to r.
+Where it flows through a porous solid, v is the volume-averaged velocity v_s + n_f w and S w_rel = S
+(v - v_s) is added to r.
 
-At a point the forms are N_a A + ∂_j N_a B_j for the test functions of node a: with the rows i of the momentum and the last one of
-the volume balance (free fluid in brackets where it differs)
+At a point the forms are N_a A + ∂_j N_a B_j for the test functions of node a: with the rows i of
+the momentum and the last one of the volume balance (free fluid in brackets where it differs)
 
-    A_i = r_i + div(2 n μ sym ∇v)_i  [- ∂_i p]      B_ij = n μ (∂_j v_i + ∂_i v_j) + τ ρ r_i c_j + n ν_L div δ_ij  [- p δ_ij]
-    A   = div v_s  [div v]                          B_j  = -n w_rel,j  [0] + τ n r_j + c_v τ_u,jk ∂_k (p - p_n)
+    A_i = r_i + div(2 n μ sym ∇v)_i  [- ∂_i p]      B_ij = n μ (∂_j v_i + ∂_i v_j) + τ ρ r_i c_j + n
+    ν_L div δ_ij  [- p δ_ij] A   = div v_s  [div v]                          B_j  = -n w_rel,j  [0]
+    + τ n r_j + c_v τ_u,jk ∂_k (p - p_n)
 
-The tangent is the same sum with the derivatives of A and B by the nodal unknowns; `flow_loops` has both, compiled.
+The tangent is the same sum with the derivatives of A and B by the nodal unknowns; `flow_loops` has
+both, compiled.
 """
 
 from dataclasses import dataclass
@@ -47,11 +53,12 @@ VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
 class FlowElements:
     """Elements and coefficients of one chunk, frozen during an iteration.
 
-    N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N s/m⁴]; mu [Pa s];
-    tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0 where n varies;
-    tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg], None without the undrained term; second: `fem.geometry.SecondDerivatives`, None on
-    linear elements or where μ = 0; grad_n (E, Q, d) [1/m] of a varying n, where there is `second`, None where n is constant;
-    free: a free fluid, whose n is 1; its S is None, or [N s/m⁴] of a skeleton that it flows through.
+    N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N
+    s/m⁴]; mu [Pa s]; tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0
+    where n varies; tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg], None without the undrained term; second:
+    `fem.geometry.SecondDerivatives`, None on linear elements or where μ = 0; grad_n (E, Q, d) [1/m]
+    of a varying n, where there is `second`, None where n is constant; free: a free fluid, whose n
+    is 1; its S is None, or [N s/m⁴] of a skeleton that it flows through.
     """
 
     N: np.ndarray
@@ -73,7 +80,9 @@ class FlowElements:
 
 @dataclass(frozen=True)
 class FlowPoints:
-    """Pointwise quantities that residual and tangents share; c None without convection, w None without drag."""
+    """Pointwise quantities that residual and tangents share; c None without convection, w None
+    without drag.
+    """
 
     c: np.ndarray | None
     grad_v: np.ndarray
@@ -90,11 +99,19 @@ def flow_points(el, f):
     grad_v = np.empty((E, Q, d, d))
     grad_p, acceleration, c, w, residual = (np.empty((E, Q, d)) for _ in range(5))
     flow_loops.points_loop(*sizes)(elements, fields, grad_v, grad_p, acceleration, c, w, residual)
-    return FlowPoints(c if el.convection else None, grad_v, acceleration, grad_p, None if el.S is None else w, residual)
+    return FlowPoints(
+        c if el.convection else None,
+        grad_v,
+        acceleration,
+        grad_p,
+        None if el.S is None else w,
+        residual,
+    )
 
 
 def flow_residual(el, f, terms=None):
-    """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E, A) [m³/s] of VOLUME_TERMS.
+    """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E,
+    A) [m³/s] of VOLUME_TERMS.
 
     The skeleton's volume term of a free fluid is its own, ∫ q div v.
     terms : (E, A, `term_columns`), where they are written: views of it are returned
@@ -113,16 +130,20 @@ def term_columns(d):
 
 
 def split_terms(terms, d):
-    """Return views on momentum terms (T, ..., d) and volume terms (T, ...) of terms (..., `term_columns`)."""
+    """Return views on momentum terms (T, ..., d) and volume terms (T, ...) of terms (...,
+    `term_columns`).
+    """
     count = len(MOMENTUM_TERMS)
     momentum = terms[..., : count * d].reshape(*terms.shape[:-1], count, d)
     return np.moveaxis(momentum, -2, 0), np.moveaxis(terms[..., count * d :], -1, 0)
 
 
 def flow_tangent(el, f, c_f, components=None):
-    """Return the derivative of `flow_residual` by (v, p) on the collocation level, (E, A, m, A, m), m = d + 1.
+    """Return the derivative of `flow_residual` by (v, p) on the collocation level, (E, A, m, A, m),
+    m = d + 1.
 
-    c_f = d a/d v [1/s], zero without inertia.  τ and ν_L are frozen (they belong to the start of the step), so this is exact.
+    c_f = d a/d v [1/s], zero without inertia.  τ and ν_L are frozen (they belong to the start of
+    the step), so this is exact.
     components : m, if there are more unknowns per node; the rows and columns of the others are zero
     """
     sizes, elements, fields = _arguments(el, f)
@@ -135,9 +156,14 @@ def flow_tangent(el, f, c_f, components=None):
 
 def _arguments(el, f):
     """Return the sizes (A, d), elements and fields for a compiled loop."""
-    G, dV = el.geometry.G, el.geometry.dV
-    second, drag, undrained, graded = el.second, el.S is not None, el.tau_u is not None, el.grad_n is not None
-    curved, none = second is not None, np.empty((0, 0))
+    G = el.geometry.G
+    dV = el.geometry.dV
+    second = el.second
+    drag = el.S is not None
+    undrained = el.tau_u is not None
+    graded = el.grad_n is not None
+    curved = second is not None
+    none = np.empty((0, 0))
     elements = flow_loops.Elements(
         N=plain(el.N), G=plain(G), dV=plain(dV), n=plain(el.n), rho=plain(el.rho), S=plain(el.S) if drag else none,
         mu=float(el.mu), tau=plain(el.tau), tau_supg=plain(el.tau_supg), nu_lsic=plain(el.nu_lsic),
@@ -149,7 +175,8 @@ def _arguments(el, f):
         free=bool(el.free),
     )  # fmt: skip
     unread = np.empty((0, 0, 0))
-    c, v_s = f.c if el.convection else unread, f.v_s if drag or not el.free else unread
+    c = f.c if el.convection else unread
+    v_s = f.v_s if drag or not el.free else unread
     fields = FlowFields(*map(plain, f._replace(c=c, v_s=v_s, dp=f.dp if undrained else none)))
     return G.shape[2:], elements, fields
 
@@ -160,14 +187,17 @@ def strong_gradient(el, x):
 
 
 def add_skeleton_answer(K, el, mass_weight, laplacian_weight):
-    """Add the answer of the skeleton to a pressure change to the tangent K with the auxiliary field s after p (or without it).
+    """Add the answer of the skeleton to a pressure change to the tangent K with the auxiliary field
+    s after p (or without it).
 
-    The answer B_m (δp - s), (B_m + B_L) s = B_m δp is the parallel sum of B_m = ∫ α² c_v β q p (stiffness, β [1/Pa]) and
-    B_L = ∫ α² c_v/(ρ_χ c_a) ∇q·∇p (inertia), an inertia-aware fixed-stress term; with d + 1 components only B_m is added.
+    The answer B_m (δp - s), (B_m + B_L) s = B_m δp is the parallel sum of B_m = ∫ α² c_v β q p
+    (stiffness, β [1/Pa]) and B_L = ∫ α² c_v/(ρ_χ c_a) ∇q·∇p (inertia), an inertia-aware
+    fixed-stress term; with d + 1 components only B_m is added.
 
     mass_weight, laplacian_weight : (E, Q) coefficients without dV
     """
-    G, dV = el.geometry.G, el.geometry.dV
+    G = el.geometry.G
+    dV = el.geometry.dV
     p = G.shape[-1]
     B_m = mass_matrix(el.N, mass_weight * dV)
     K[:, :, p, :, p] += B_m
@@ -180,9 +210,11 @@ def add_skeleton_answer(K, el, mass_weight, laplacian_weight):
 
 
 def add_free_surface(K, laplacian_weight, rows, terms):
-    """Add Nitsche's terms of a free impermeable surface to the auxiliary field s, see `surface.weak_zero`, in place.
+    """Add Nitsche's terms of a free impermeable surface to the auxiliary field s, see
+    `surface.weak_zero`, in place.
 
-    laplacian_weight : (E, Q) α² c_v/(ρ_χ c_a) without dV; rows (F,) elements in K, terms (F, A, A) [m^(d-2)]
+    laplacian_weight : (E, Q) α² c_v/(ρ_χ c_a) without dV; rows (F,) elements in K, terms (F, A, A)
+    [m^(d-2)]
     """
     weight = laplacian_weight[rows].mean(axis=1)
     np.add.at(K[:, :, -1, :, -1], rows, weight[:, None, None] * terms)

@@ -1,9 +1,11 @@
 """Compiled loops of `flow` over elements and points.
 
-At a point the residuals of node a are N_a A_i + ∂_j N_a B_ij dV, row i < d of the momentum and row d of the volume balance.  The
-densities A, B and their derivatives by the nodal unknowns are those in the docstring of `flow`.
+At a point the residuals of node a are N_a A_i + ∂_j N_a B_ij dV, row i < d of the momentum and row
+d of the volume balance.  The densities A, B and their derivatives by the nodal unknowns are those
+in the docstring of `flow`.
 
-A nodes, d dimensions, m unknowns per node in the matrix.  Gradients are constant over an element with A = d + 1 nodes.
+A nodes, d dimensions, m unknowns per node in the matrix.  Gradients are constant over an element
+with A = d + 1 nodes.
 """
 
 from typing import NamedTuple
@@ -15,9 +17,11 @@ from .contraction import add_point
 
 
 class Elements(NamedTuple):
-    """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says so.
+    """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says
+    so.
 
-    nodes (A, d) on the reference simplex, hessian (A, d, d) and bend (E, d, d²) of `fem.geometry.SecondDerivatives`
+    nodes (A, d) on the reference simplex, hessian (A, d, d) and bend (E, d, d²) of
+    `fem.geometry.SecondDerivatives`
     """
 
     N: np.ndarray
@@ -44,9 +48,11 @@ class Elements(NamedTuple):
 
 
 class FlowFields(NamedTuple):
-    """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E, A); b (E, Q, d).
+    """Nodal values on the collocation level: v, a, c = v - v_m, v_s (E, A, d); p, dp = p - p_n (E,
+    A); b (E, Q, d).
 
-    v_s is not read for a free fluid without drag, c not without convection, dp not without the undrained term.
+    v_s is not read for a free fluid without drag, c not without convection, dp not without the
+    undrained term.
     """
 
     v: np.ndarray
@@ -59,7 +65,9 @@ class FlowFields(NamedTuple):
 
 
 class Point(NamedTuple):
-    """State at a point: shape gradients g (A, d), ∇v, ∇v_s (d, d), ∇p, c, w, forces (d,); d xi/dx, ∇∇U, mean of g, dr/dv_b."""
+    """State at a point: shape gradients g (A, d), ∇v, ∇v_s (d, d), ∇p, c, w, forces (d,); d xi/dx,
+    ∇∇U, mean of g, dr/dv_b.
+    """
 
     g: np.ndarray
     grad_v: np.ndarray
@@ -88,7 +96,9 @@ def new_point(A, d):
 
 @inlined
 def set_point(A, d, el, f, e, q, x):
-    """Set the state at point q of element e: r = ρ (a + c·∇v) + n ∇p + S w - ρ b - div(2 n μ sym ∇v)."""
+    """Set the state at point q of element e: r = ρ (a + c·∇v) + n ∇p + S w - ρ b - div(2 n μ sym
+    ∇v).
+    """
     if q == 0 or A > d + 1:
         for a in range(A):
             for j in range(d):
@@ -97,11 +107,13 @@ def set_point(A, d, el, f, e, q, x):
         if not el.free:
             _set_gradients(A, d, f.v_s, e, x.g, x.grad_vs)
     for i in range(d):
-        acceleration, grad_p = 0.0, 0.0
+        acceleration = 0.0
+        grad_p = 0.0
         for a in range(A):
             acceleration += el.N[q, a] * f.a[e, a, i]
             grad_p += x.g[a, i] * f.p[e, a]
-        x.acceleration[i], x.grad_p[i] = el.rho[e, q] * acceleration, grad_p
+        x.acceleration[i] = el.rho[e, q] * acceleration
+        x.grad_p[i] = grad_p
     x.c[:] = 0.0
     if el.convection:
         _add_convection(A, d, el, f, e, q, x)
@@ -164,7 +176,9 @@ def _set_pull(A, d, el, x):
 
 @inlined
 def _set_second_derivatives(d, U, gradient, k, el, e, x):
-    """Set d²U_k/dx_i dx_j = (d²U_k/dxi_m dxi_n - ∂_r U_k d²x_r/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j, (d, d), of all U (K, d, d)."""
+    """Set d²U_k/dx_i dx_j = (d²U_k/dxi_m dxi_n - ∂_r U_k d²x_r/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j,
+    (d, d), of all U (K, d, d).
+    """
     for m in range(d):
         for n in range(d):
             bent = U[k, m, n]
@@ -194,7 +208,9 @@ def _set_reference_hessian(A, d, el, f, e, x):
 
 @inlined
 def _subtract_viscous_force(A, d, el, f, e, q, x):
-    """Subtract div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n] from the residual, [N/m³]."""
+    """Subtract div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n] from the residual,
+    [N/m³].
+    """
     scale = el.mu * el.n[e, q]
     if q == 0:
         _set_reference_hessian(A, d, el, f, e, x)
@@ -219,8 +235,11 @@ def points_loop(A, d):
             for q in range(len(el.N)):
                 set_point(A, d, el, f, e, q, x)
                 for i in range(d):
-                    grad_p[e, q, i], acceleration[e, q, i], residual[e, q, i] = x.grad_p[i], x.acceleration[i], x.residual[i]
-                    c[e, q, i], w[e, q, i] = x.c[i], x.w[i]
+                    grad_p[e, q, i] = x.grad_p[i]
+                    acceleration[e, q, i] = x.acceleration[i]
+                    residual[e, q, i] = x.residual[i]
+                    c[e, q, i] = x.c[i]
+                    w[e, q, i] = x.w[i]
                     for j in range(d):
                         grad_v[e, q, i, j] = x.grad_v[i, j]
 
@@ -229,12 +248,16 @@ def points_loop(A, d):
 
 @specialized
 def residual_loop(A, d):
-    """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume balance one after the other."""
+    """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume
+    balance one after the other.
+    """
 
-    rows, columns = 1 + d, 6 * d + 4
+    rows = 1 + d
+    columns = 6 * d + 4
 
     def loop(el, f, terms):
-        x, D = new_point(A, d), stack((rows, columns))
+        x = new_point(A, d)
+        D = stack((rows, columns))
         D[:] = 0.0
         for e in range(len(terms)):
             terms[e] = 0.0
@@ -257,7 +280,10 @@ def residual_loop(A, d):
 @inlined
 def _set_balances(A, d, el, f, e, q, x, D):
     """Set inertia, pressure, drag and body force, and skeleton, seepage and PSPG."""
-    dV, n, p, div = el.dV[e, q], el.n[e, q], 0.0, 0.0
+    dV = el.dV[e, q]
+    n = el.n[e, q]
+    p = 0.0
+    div = 0.0
     for a in range(A):
         p += el.N[q, a] * f.p[e, a]
     for i in range(d):
@@ -287,7 +313,9 @@ def _set_viscous_stress(d, el, e, q, x, D):
 @inlined
 def _set_stabilization(d, el, e, q, x, D):
     """Set SUPG, τ ρ r_i c_j, and LSIC, n ν_L (div v_s + n div w_rel) δ_ij."""
-    n, div, div_s = el.n[e, q], 0.0, 0.0
+    n = el.n[e, q]
+    div = 0.0
+    div_s = 0.0
     for i in range(d):
         div += x.grad_v[i, i]
         if not el.free:
@@ -302,7 +330,8 @@ def _set_stabilization(d, el, e, q, x, D):
 
 @inlined
 def _set_mean_gradient(A, d, el, e, x):
-    """Set the mean over the element of the gradients, which the undrained-limit stabilization leaves out on quadratic elements.
+    """Set the mean over the element of the gradients, which the undrained-limit stabilization
+    leaves out on quadratic elements.
 
     A linear pressure is untouched by the fluctuation, and the order of convergence stays.
     """
@@ -321,24 +350,36 @@ def _set_mean_gradient(A, d, el, e, x):
 
 @inlined
 def _add_undrained(A, d, el, f, e, q, x, terms):
-    """Add ∫ c_v τ_u ∇q·∇(p - p_n) to the last term of the volume balance: compliance at grid scale times the pressure rate."""
+    """Add ∫ c_v τ_u ∇q·∇(p - p_n) to the last term of the volume balance: compliance at grid scale
+    times the pressure rate.
+    """
     for i in range(d):
         flux = 0.0
         for a in range(A):
             for j in range(d):
-                flux += el.tau_u[e, q, i, j] * (el.G[e, q if A > d + 1 else 0, a, j] - x.mean[a, j]) * f.dp[e, a]
+                flux += (
+                    el.tau_u[e, q, i, j]
+                    * (el.G[e, q if A > d + 1 else 0, a, j] - x.mean[a, j])
+                    * f.dp[e, a]
+                )
         for a in range(A):
-            terms[e, a, 6 * d + 3] += el.dV[e, q] * (el.G[e, q if A > d + 1 else 0, a, i] - x.mean[a, i]) * flux
+            terms[e, a, 6 * d + 3] += (
+                el.dV[e, q] * (el.G[e, q if A > d + 1 else 0, a, i] - x.mean[a, i]) * flux
+            )
 
 
 @specialized
 def tangent_loop(A, d, m):
-    """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of the nodes."""
+    """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of
+    the nodes.
+    """
 
-    rows, columns = 1 + d, (1 + d) * A * m
+    rows = 1 + d
+    columns = (1 + d) * A * m
 
     def loop(el, f, c_f, K):
-        x, D = new_point(A, d), stack((rows, rows, A, m))
+        x = new_point(A, d)
+        D = stack((rows, rows, A, m))
         flat = D.reshape(rows, columns)
         D[:] = 0.0
         for e in range(len(K)):
@@ -357,15 +398,22 @@ def tangent_loop(A, d, m):
 
 @inlined
 def _set_derivatives(A, d, el, e, q, c_f, x, D):
-    """Set the derivatives of the densities times dV by v_bk and p_b: D[0] that of A_i, D[1 + j] that of B_ij, rows i <= d.
+    """Set the derivatives of the densities times dV by v_bk and p_b: D[0] that of A_i, D[1 + j]
+    that of B_ij, rows i <= d.
 
-    dr_i/dv_bk = [(ρ c_f + S) N_b + ρ c·∇N_b - μ (n ΔN_b + ∇n·∇N_b)] δ_ik + ρ N_b ∂_k v_i - μ (n ∂_i∂_k N_b + ∂_i N_b ∂_k n)
-    dr_i/dp_b = n ∂_i N_b;  A_i has no viscous part of r_i and, in a free fluid, no pressure.
+    dr_i/dv_bk = [(ρ c_f + S) N_b + ρ c·∇N_b - μ (n ΔN_b + ∇n·∇N_b)] δ_ik + ρ N_b ∂_k v_i - μ (n
+    ∂_i∂_k N_b + ∂_i N_b ∂_k n) dr_i/dp_b = n ∂_i N_b;  A_i has no viscous part of r_i and, in a
+    free fluid, no pressure.
     """
-    dV, n = el.dV[e, q], el.n[e, q]
-    supg, lsic, viscous, pspg = 0.0, 0.0, dV * n * el.mu, dV * el.tau[e, q] * n
+    dV = el.dV[e, q]
+    n = el.n[e, q]
+    supg = 0.0
+    lsic = 0.0
+    viscous = dV * n * el.mu
+    pspg = dV * el.tau[e, q] * n
     if el.convection:
-        supg, lsic = dV * el.tau_supg[e, q] * el.rho[e, q], dV * n * n * el.nu_lsic[e, q]
+        supg = dV * el.tau_supg[e, q] * el.rho[e, q]
+        lsic = dV * n * n * el.nu_lsic[e, q]
     for b in range(A):
         N = el.N[q, b]
         _set_strong(d, el, e, q, b, c_f, x)
@@ -375,7 +423,8 @@ def _set_derivatives(A, d, el, e, q, c_f, x, D):
         if el.curved:
             _subtract_viscous_tangent(d, el, e, q, b, x)
         for i in range(d):
-            grad, thrown = n * x.g[b, i], viscous * x.g[b, i] + supg * x.residual[i] * N
+            grad = n * x.g[b, i]
+            thrown = viscous * x.g[b, i] + supg * x.residual[i] * N
             for j in range(d):
                 carried = supg * x.c[j]
                 for k in range(d):
@@ -401,7 +450,8 @@ def _set_derivatives(A, d, el, e, q, c_f, x, D):
 @inlined
 def _set_strong(d, el, e, q, b, c_f, x):
     """Set dr_i/dv_bk without viscosity."""
-    N, rho = el.N[q, b], el.rho[e, q]
+    N = el.N[q, b]
+    rho = el.rho[e, q]
     isotropic = rho * c_f * N
     if el.drag:
         isotropic += el.S[e, q] * N
@@ -439,4 +489,6 @@ def _add_undrained_tangent(A, d, m, el, e, q, x, K):
                 flux += (el.G[e, q if A > d + 1 else 0, a, j] - x.mean[a, j]) * el.tau_u[e, q, j, i]
             flux *= el.dV[e, q]
             for b in range(A):
-                K[e, a, (d * A + b) * m + d] += flux * (el.G[e, q if A > d + 1 else 0, b, i] - x.mean[b, i])
+                K[e, a, (d * A + b) * m + d] += flux * (
+                    el.G[e, q if A > d + 1 else 0, b, i] - x.mean[b, i]
+                )

@@ -1,18 +1,21 @@
-"""Element matrices on the pressure space of a free fluid, of which the inverse of its Schur complement is made.
+"""Element matrices on the pressure space of a free fluid, of which the inverse of its Schur
+complement is made.
 
-A wave k of the pressure in a uniform stream c meets, with ν = 2 μ + ν_L the viscosity (with LSIC) of a velocity along k,
+A wave k of the pressure in a uniform stream c meets, with ν = 2 μ + ν_L the viscosity (with LSIC)
+of a velocity along k,
 
     S(k) = k² (1 + τ ν k²)/(ρ c_f + iρ c·k + ν k²)
 
-because PSPG takes the whole residual but its viscous part.  Hence, with Q = M/ν + τ Laplacian, L the Laplacian over ρ and T mass
-and convection over ν,
+because PSPG takes the whole residual but its viscous part.  Hence, with Q = M/ν + τ Laplacian, L
+the Laplacian over ρ and T mass and convection over ν,
 
     S⁻¹ = (1 + L⁻¹ T) Q⁻¹
 
-With τ = 0 this is the pressure convection-diffusion of Elman, Silvester & Wathen (Finite Elements and Fast Iterative Solvers,
-ch. 9) with the factors turned round; without convection that of Cahouet & Chabard (Int. J. Numer. Meth. Fluids 8 (1988) 869).
-PSPG in Q is more than a detail: Q⁻¹ + L⁻¹ (ν T) M⁻¹ instead, whose M⁻¹ amplifies the shortest waves, took 88 iterations for 21 in
-a steady flow at Re = 80.
+With τ = 0 this is the pressure convection-diffusion of Elman, Silvester & Wathen (Finite Elements
+and Fast Iterative Solvers, ch. 9) with the factors turned round; without convection that of Cahouet
+& Chabard (Int. J. Numer. Meth. Fluids 8 (1988) 869). PSPG in Q is more than a detail: Q⁻¹ + L⁻¹ (ν
+T) M⁻¹ instead, whose M⁻¹ amplifies the shortest waves, took 88 iterations for 21 in a steady flow
+at Re = 80.
 """
 
 import numpy as np
@@ -21,7 +24,9 @@ from .assemble import bilinear, broadcast_gradient, laplacian, mass_matrix
 
 
 def pressure_compliance(el, h):
-    """Return Q = ∫ q p/ν + ∫ τ ∇q·∇p, (E, A, A) [m^(d+1) s/kg]; h (E,) [m] the sizes of the elements."""
+    """Return Q = ∫ q p/ν + ∫ τ ∇q·∇p, (E, A, A) [m^(d+1) s/kg]; h (E,) [m] the sizes of the
+    elements.
+    """
     dV = el.geometry.dV
     return mass_matrix(el.N, dV / _viscosity(el, h)) + laplacian(el.geometry.G, el.tau * dV)
 
@@ -37,20 +42,24 @@ def pressure_mass(el):
 
 
 def pressure_transport(el, f, c_f, h):
-    """Return T = ∫ c_f/ν q p - ∫ 1/ν p c·∇q, (E, A, A) [m^(d+1)/kg]; h (E,) [m] the sizes of the elements.
+    """Return T = ∫ c_f/ν q p - ∫ 1/ν p c·∇q, (E, A, A) [m^(d+1)/kg]; h (E,) [m] the sizes of the
+    elements.
 
-    Convection, ∫ 1/ν q c·∇p, is integrated by parts without its surface term: as an inflow wants it (with it 67 iterations for 29
-    in a steady flow at Re = 200).
+    Convection, ∫ 1/ν q c·∇p, is integrated by parts without its surface term: as an inflow wants it
+    (with it 67 iterations for 29 in a steady flow at Re = 200).
     """
     dV = el.geometry.dV / _viscosity(el, h)
     T = mass_matrix(el.N, c_f * dV)
     if el.convection:
-        G, c = broadcast_gradient(el.geometry.G, dV.shape[1]), el.N @ f.c
+        G = broadcast_gradient(el.geometry.G, dV.shape[1])
+        c = el.N @ f.c
         advected = (G @ c[..., None])[..., 0]
         T -= bilinear(dV[..., None] * advected, np.broadcast_to(el.N, advected.shape))
     return T
 
 
 def _viscosity(el, h):
-    """Return ν = max(2 μ + ν_L, h²/(4 τ)), (E, Q) [Pa s]: without viscosity that of the waves which the mesh does not resolve."""
+    """Return ν = max(2 μ + ν_L, h²/(4 τ)), (E, Q) [Pa s]: without viscosity that of the waves which
+    the mesh does not resolve.
+    """
     return np.maximum(2 * el.mu + el.nu_lsic, h[:, None] ** 2 / (4 * el.tau))

@@ -1,12 +1,15 @@
-"""Derivatives of the element residuals by the positions of a mesh that carries them: gradients, volumes, porosity and drag.
+"""Derivatives of the element residuals by the positions of a mesh that carries them: gradients,
+volumes, porosity and drag.
 
-With H = ∂δy/∂x the geometry changes by δ(∂N_a/∂x_j) = -∂N_a/∂x_m H_mj, δdV = tr H dV, δJ = J tr H.  A residual of the form
-Σ_q dV (N_a A_k + ∂_j N_a B_kj) therefore has the derivative by y_bl
+With H = ∂δy/∂x the geometry changes by δ(∂N_a/∂x_j) = -∂N_a/∂x_m H_mj, δdV = tr H dV, δJ = J tr H.
+A residual of the form Σ_q dV (N_a A_k + ∂_j N_a B_kj) therefore has the derivative by y_bl
 
     Σ_q dV (N_a DA_kli + ∂_j N_a DB_kjli) ∂_i N_b        DA_kli  = A_k δ_li + ∂A_k/∂H_li
-                                                         DB_kjli = B_kj δ_li - B_ki δ_jl + ∂B_kj/∂H_li
+                                                         DB_kjli = B_kj δ_li - B_ki δ_jl +
+                                                         ∂B_kj/∂H_li
 
-Nodal values are kept, and so is what is frozen at the start of a step (τ, ν_L, τ_u).  The dependence on v_s is in `exchange`.
+Nodal values are kept, and so is what is frozen at the start of a step (τ, ν_L, τ_u).  The
+dependence on v_s is in `exchange`.
 """
 
 from dataclasses import dataclass
@@ -27,7 +30,9 @@ class VolumeDerivatives:
 
 @dataclass(frozen=True)
 class Densities:
-    """A (E, Q, k), B (E, Q, k, d) and their derivatives by H, DA (E, Q, k, d, d) and DB (E, Q, k, d, d, d), geometry left out."""
+    """A (E, Q, k), B (E, Q, k, d) and their derivatives by H, DA (E, Q, k, d, d) and DB (E, Q, k,
+    d, d, d), geometry left out.
+    """
 
     A: np.ndarray
     B: np.ndarray
@@ -37,26 +42,33 @@ class Densities:
     @classmethod
     def zeros(cls, points, k, d):
         """Return densities of k components at points (E, Q)."""
-        return cls(*(np.zeros((*points, *shape)) for shape in ((k,), (k, d), (k, d, d), (k, d, d, d))))
+        return cls(
+            *(np.zeros((*points, *shape)) for shape in ((k,), (k, d), (k, d, d), (k, d, d, d)))
+        )
 
 
 def solid_by_geometry(N, geometry, n, S, derivatives, p, w):
-    """Return the derivative of `solid.coupling_residual` by y through the geometry, (E, A, d, A, d) [N/m].
+    """Return the derivative of `solid.coupling_residual` by y through the geometry, (E, A, d, A, d)
+    [N/m].
 
     p (E, A) [Pa], w (E, A, d) = v_f - v_s [m/s].
     """
     d = geometry.G.shape[-1]
-    identity, w = np.eye(d), N @ w
+    identity = np.eye(d)
+    w = N @ w
     grad_p = (np.swapaxes(geometry.G, 2, 3) @ p[:, None, :, None])[..., 0]
     x = Densities.zeros(geometry.dV.shape, d, d)
     x.A[...] = -n[..., None] * grad_p - S[..., None] * w
     x.B[...] = -(p @ N.T)[..., None, None] * identity
-    x.dA[...] = -_pressure_by_geometry(n, derivatives, grad_p) - _by_volume(derivatives.S[..., None] * w)
+    x.dA[...] = -_pressure_by_geometry(n, derivatives, grad_p) - _by_volume(
+        derivatives.S[..., None] * w
+    )
     return _assemble(N, geometry, x)
 
 
 def flow_by_geometry(el, f, derivatives):
-    """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d) [N/m and m²/s].
+    """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d)
+    [N/m and m²/s].
 
     derivatives : `VolumeDerivatives`, None for a free fluid
     """
@@ -88,7 +100,9 @@ class _Gradients:
 
     @classmethod
     def of(cls, el, f, x):
-        v_s = np.broadcast_to(np.swapaxes(f.v_s, 1, 2)[:, None] @ el.geometry.G, (*el.n.shape, *x.grad_v.shape[2:]))
+        v_s = np.broadcast_to(
+            np.swapaxes(f.v_s, 1, 2)[:, None] @ el.geometry.G, (*el.n.shape, *x.grad_v.shape[2:])
+        )
         div, div_s = (np.trace(gradient, axis1=2, axis2=3) for gradient in (x.grad_v, v_s))
         return cls(div, div_s, -np.swapaxes(x.grad_v, 2, 3), -np.swapaxes(v_s, 2, 3))
 
@@ -102,22 +116,35 @@ def _pressure_by_geometry(n, derivatives, grad_p):
     """Return the derivative of n ∂p/∂x_m by H, (E, Q, d, d, d)."""
     turned = n[..., None] * grad_p
     identity = np.eye(grad_p.shape[-1])
-    return _by_volume(derivatives.n[..., None] * grad_p) - np.einsum("eql,mi->eqmli", turned, identity)
+    return _by_volume(derivatives.n[..., None] * grad_p) - np.einsum(
+        "eql,mi->eqmli", turned, identity
+    )
 
 
 def _convection_by_geometry(el, x):
-    """Return the derivative of ρ c·∇v_m by H, -ρ ∂_l v_m c_i, (E, Q, d, d, d); 0 without convection."""
-    return -el.rho[..., None, None, None] * np.einsum("eqml,eqi->eqmli", x.grad_v, x.c) if el.convection else 0.0
+    """Return the derivative of ρ c·∇v_m by H, -ρ ∂_l v_m c_i, (E, Q, d, d, d); 0 without
+    convection.
+    """
+    return (
+        -el.rho[..., None, None, None] * np.einsum("eqml,eqi->eqmli", x.grad_v, x.c)
+        if el.convection
+        else 0.0
+    )
 
 
 def _add_porous(densities, el, f, x, derivatives):
-    """Add the rows of the porous form: values r without viscosity and div v_s, the seepage -n w, stresses and stabilization."""
+    """Add the rows of the porous form: values r without viscosity and div v_s, the seepage -n w,
+    stresses and stabilization.
+    """
     d = x.w.shape[-1]
-    gradients, relative = _Gradients.of(el, f, x), (derivatives.n / el.n)[..., None]
+    gradients = _Gradients.of(el, f, x)
+    relative = (derivatives.n / el.n)[..., None]
     body = el.rho[..., None] * f.b
     strong = _by_volume(relative * (x.acceleration - body) + derivatives.S[..., None] * x.w)
     strong += _pressure_by_geometry(el.n, derivatives, x.grad_p) + _convection_by_geometry(el, x)
-    densities.A[..., :d] += x.acceleration + el.n[..., None] * x.grad_p + el.S[..., None] * x.w - body
+    densities.A[..., :d] += (
+        x.acceleration + el.n[..., None] * x.grad_p + el.S[..., None] * x.w - body
+    )
     densities.dA[:, :, :d] += strong
     densities.A[..., d] += gradients.div_s
     densities.dA[:, :, d] += gradients.d_div_s
@@ -131,16 +158,22 @@ def _add_porous(densities, el, f, x, derivatives):
 
 
 def _add_free(densities, el, f, x):
-    """Add the rows of a free fluid: values ρ (a + c·∇v) - ρ b and div v, stresses with -p δ_mj, and stabilization."""
+    """Add the rows of a free fluid: values ρ (a + c·∇v) - ρ b and div v, stresses with -p δ_mj, and
+    stabilization.
+    """
     d = x.grad_p.shape[-1]
-    identity, convection = np.eye(d), _convection_by_geometry(el, x)
-    div, d_div = np.trace(x.grad_v, axis1=2, axis2=3), -np.swapaxes(x.grad_v, 2, 3)
+    identity = np.eye(d)
+    convection = _convection_by_geometry(el, x)
+    div = np.trace(x.grad_v, axis1=2, axis2=3)
+    d_div = -np.swapaxes(x.grad_v, 2, 3)
     densities.A[..., :d] += x.acceleration - el.rho[..., None] * f.b
     densities.dA[:, :, :d] += convection
     densities.B[:, :, :d] -= (f.p @ el.N.T)[..., None, None] * identity
     densities.A[..., d] += div
     densities.dA[:, :, d] += d_div
-    _add_stresses(densities, el, f, x, None, convection - np.einsum("eql,mi->eqmli", x.grad_p, identity))
+    _add_stresses(
+        densities, el, f, x, None, convection - np.einsum("eql,mi->eqmli", x.grad_p, identity)
+    )
     if el.convection:
         _add_lsic(densities, el, div, d_div)
 
@@ -162,47 +195,74 @@ def _add_stresses(densities, el, f, x, derivatives, strong):
     densities.dB[:, :, d] += pspg[..., None, None, None] * strong
     if el.convection:
         supg = el.tau_supg * el.rho
-        densities.B[:, :, :d] += supg[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
-        densities.dB[:, :, :d] += np.einsum("eqmli,eqj->eqmjli", supg[..., None, None, None] * strong, x.c)
+        densities.B[:, :, :d] += (
+            supg[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
+        )
+        densities.dB[:, :, :d] += np.einsum(
+            "eqmli,eqj->eqmjli", supg[..., None, None, None] * strong, x.c
+        )
 
 
 def _add_lsic(densities, el, div, change):
     """Add LSIC, n ν_L div δ_mj, of a divergence (E, Q) and its derivative by H (E, Q, d, d)."""
-    d, weight = change.shape[-1], el.n * el.nu_lsic
+    d = change.shape[-1]
+    weight = el.n * el.nu_lsic
     densities.B[:, :, :d] += (weight * div)[..., None, None] * np.eye(d)
-    densities.dB[:, :, :d] += np.einsum("eqli,mj->eqmjli", weight[..., None, None] * change, np.eye(d))
+    densities.dB[:, :, :d] += np.einsum(
+        "eqli,mj->eqmjli", weight[..., None, None] * change, np.eye(d)
+    )
 
 
 def _add_viscous(densities, el, x, derivatives):
     """Add the viscous stress n μ (∂_j v_m + ∂_m v_j)."""
-    d, mu = x.grad_p.shape[-1], el.mu
-    identity, stress = np.eye(d), x.grad_v + np.swapaxes(x.grad_v, 2, 3)
-    turned = np.einsum("eqml,ji->eqmjli", x.grad_v, identity) + np.einsum("eqjl,mi->eqmjli", x.grad_v, identity)
+    d = x.grad_p.shape[-1]
+    mu = el.mu
+    identity = np.eye(d)
+    stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
+    turned = np.einsum("eqml,ji->eqmjli", x.grad_v, identity) + np.einsum(
+        "eqjl,mi->eqmjli", x.grad_v, identity
+    )
     densities.B[:, :, :d] += mu * el.n[..., None, None] * stress
     densities.dB[:, :, :d] -= mu * el.n[..., None, None, None, None] * turned
     if derivatives is not None:
-        densities.dB[:, :, :d] += mu * np.einsum("eq,eqmj,li->eqmjli", derivatives.n, stress, identity)
+        densities.dB[:, :, :d] += mu * np.einsum(
+            "eq,eqmj,li->eqmjli", derivatives.n, stress, identity
+        )
 
 
 def _viscous_force_by_geometry(el, f, x, derivatives):
-    """Return the derivative of `flow.viscous_force` by H, (E, Q, d, d, d); that by ∇H is in `_add_curving`.
+    """Return the derivative of `flow.viscous_force` by H, (E, Q, d, d, d); that by ∇H is in
+    `_add_curving`.
 
-    δ(∂_i∂_j v) = -∂_m∂_j v H_mi - ∂_i∂_m v H_mj, and δ(∂_j n) = -∂_m n H_mj - ∂_j n tr H because J n_s is constant (or n).
+    δ(∂_i∂_j v) = -∂_m∂_j v H_mi - ∂_i∂_m v H_mj, and δ(∂_j n) = -∂_m n H_mj - ∂_j n tr H because J
+    n_s is constant (or n).
     """
-    s, identity = el.second.field(f.v, x.grad_v), np.eye(x.grad_p.shape[-1])
-    d_inner = 2 * np.einsum("eqmil->eqmli", s) + np.einsum("eqiml->eqmli", s) + np.einsum("eqjjl,mi->eqmli", s, identity)
+    s = el.second.field(f.v, x.grad_v)
+    identity = np.eye(x.grad_p.shape[-1])
+    d_inner = (
+        2 * np.einsum("eqmil->eqmli", s)
+        + np.einsum("eqiml->eqmli", s)
+        + np.einsum("eqjjl,mi->eqmli", s, identity)
+    )
     force = -el.n[..., None, None, None] * d_inner
     if derivatives is not None:
         force += _by_volume(derivatives.n[..., None] * el.second.viscous(f.v, x.grad_v))
     if el.grad_n is not None:
-        stress, grad_n = x.grad_v + np.swapaxes(x.grad_v, 2, 3), el.grad_n
-        force -= np.einsum("eqml,eqi->eqmli", x.grad_v, grad_n) + np.einsum("eqjl,eqj,mi->eqmli", x.grad_v, grad_n, identity)
-        force -= np.einsum("eqmi,eql->eqmli", stress, grad_n) + _by_volume((stress @ grad_n[..., None])[..., 0])
+        stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
+        grad_n = el.grad_n
+        force -= np.einsum("eqml,eqi->eqmli", x.grad_v, grad_n) + np.einsum(
+            "eqjl,eqj,mi->eqmli", x.grad_v, grad_n, identity
+        )
+        force -= np.einsum("eqmi,eql->eqmli", stress, grad_n) + _by_volume(
+            (stress @ grad_n[..., None])[..., 0]
+        )
     return el.mu * force
 
 
 def _add_undrained(densities, el, dp):
-    """Add the undrained-limit term, B = f - mean f with f = τ_u (g - mean g), as far as it depends on g at the point."""
+    """Add the undrained-limit term, B = f - mean f with f = τ_u (g - mean g), as far as it depends
+    on g at the point.
+    """
     d = el.geometry.G.shape[-1]
     g, _, f, mean = _undrained_fluxes(el, dp)
     densities.B[:, :, d] += f - mean
@@ -210,9 +270,13 @@ def _add_undrained(densities, el, dp):
 
 
 def _undrained_fluxes(el, dp):
-    """Return g = ∇dp (E, Q, d), its mean, f = τ_u (g - mean g) and the mean of f; means (E, 1, d), zero on linear elements."""
+    """Return g = ∇dp (E, Q, d), its mean, f = τ_u (g - mean g) and the mean of f; means (E, 1, d),
+    zero on linear elements.
+    """
     dV = el.geometry.dV
-    g = broadcast_gradient((np.swapaxes(el.geometry.G, 2, 3) @ dp[:, None, :, None])[..., 0][:, :, None], dV.shape[1])[:, :, 0]
+    g = broadcast_gradient(
+        (np.swapaxes(el.geometry.G, 2, 3) @ dp[:, None, :, None])[..., 0][:, :, None], dV.shape[1]
+    )[:, :, 0]
     if el.order == 1:
         none = np.zeros((len(g), 1, g.shape[-1]))
         return g, none, _times(el.tau_u, g), none
@@ -233,26 +297,34 @@ def _mean(dV, X):
 
 
 def _undrained_means(el, dp):
-    """Return what the change of the two means adds to the volume row on quadratic elements, (E, A, A, d).
+    """Return what the change of the two means adds to the volume row on quadratic elements, (E, A,
+    A, d).
 
-    -(∫ τ_u ∇N_a)·δ(mean g) - (∫ ∇N_a)·δ(mean f); a mean changes with its weights too, δ(dV) = ∂_l N_b dV.
+    -(∫ τ_u ∇N_a)·δ(mean g) - (∫ ∇N_a)·δ(mean f); a mean changes with its weights too, δ(dV) = ∂_l
+    N_b dV.
     """
-    G, dV = el.geometry.G, el.geometry.dV
+    G = el.geometry.G
+    dV = el.geometry.dV
     g, mean_g, f, mean_f = _undrained_fluxes(el, dp)
     turned = -np.einsum("eql,eqbj->eqblj", g, G)
     d_mean_g = _mean(dV, turned + np.einsum("eqbl,eqj->eqblj", G, g - mean_g))
     turned_f = np.einsum("eqblj,eqji->eqbli", turned - d_mean_g, el.tau_u)
     d_mean_f = _mean(dV, turned_f + np.einsum("eqbl,eqj->eqblj", G, f - mean_f))
     left = np.einsum("eq,eqaj,eqji->eai", dV, G, el.tau_u, optimize=True)
-    return -np.einsum("eaj,eblj->eabl", left, d_mean_g[:, 0]) - np.einsum("eq,eqaj,eblj->eabl", dV, G, d_mean_f[:, 0])
+    return -np.einsum("eaj,eblj->eabl", left, d_mean_g[:, 0]) - np.einsum(
+        "eq,eqaj,eblj->eabl", dV, G, d_mean_f[:, 0]
+    )
 
 
 def _add_curving(K, el, x, derivatives):
     """Add the part of SUPG and PSPG by ∇H, the second derivatives of δy, in place.
 
-    Of -div(2 n μ sym ∇v): μ n (∂_l v_m ∂_i∂_i + ∂_l v_i ∂_m∂_i) δy_l - μ J dn/dJ (∂_m v_j + ∂_j v_m) ∂_j∂_l δy_l.
+    Of -div(2 n μ sym ∇v): μ n (∂_l v_m ∂_i∂_i + ∂_l v_i ∂_m∂_i) δy_l - μ J dn/dJ (∂_m v_j + ∂_j
+    v_m) ∂_j∂_l δy_l.
     """
-    dV, shapes, d = el.geometry.dV, el.second.shapes, x.grad_p.shape[-1]
+    dV = el.geometry.dV
+    shapes = el.second.shapes
+    d = x.grad_p.shape[-1]
     G = broadcast_gradient(el.geometry.G, dV.shape[1])
     E, Q, A = G.shape[:3]
     rows = shapes.reshape(E, Q, A * d, d)
@@ -261,9 +333,13 @@ def _add_curving(K, el, x, derivatives):
     change *= el.n[..., None, None, None]
     if derivatives is not None:
         stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
-        change -= np.swapaxes((rows @ (derivatives.n[..., None, None] * stress)).reshape(shapes.shape), 3, 4)
+        change -= np.swapaxes(
+            (rows @ (derivatives.n[..., None, None] * stress)).reshape(shapes.shape), 3, 4
+        )
     change *= (el.mu * dV)[..., None, None, None]
-    streamline = (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else None
+    streamline = (
+        (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else None
+    )
     for m in range(d):
         right = change[:, :, :, m].reshape(E, Q, A * d)
         K[:, :, d] += bilinear((el.tau * el.n)[..., None] * G[..., m], right).reshape(E, A, A, d)
@@ -280,8 +356,13 @@ def _assemble(N, geometry, x):
     identity = np.eye(d)
     right = np.empty((E, Q, k, 1 + d, d, d))
     right[:, :, :, 0] = x.dA + x.A[..., None, None] * identity
-    right[:, :, :, 1:] = x.dB + x.B[..., None, None] * identity - np.einsum("eqki,jl->eqkjli", x.B, identity)
-    tests = np.concatenate([np.broadcast_to(N, (E, Q, A))[:, :, None], np.swapaxes(G, 2, 3)], axis=2) * dV[..., None, None]
+    right[:, :, :, 1:] = (
+        x.dB + x.B[..., None, None] * identity - np.einsum("eqki,jl->eqkjli", x.B, identity)
+    )
+    tests = (
+        np.concatenate([np.broadcast_to(N, (E, Q, A))[:, :, None], np.swapaxes(G, 2, 3)], axis=2)
+        * dV[..., None, None]
+    )
     tests = tests.reshape(E, Q * (1 + d), A)
     K = np.empty((E, A, k, A, d))
     for row in range(k):

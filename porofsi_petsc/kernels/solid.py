@@ -2,10 +2,11 @@
 
     ρ_s a = Div P + (n_s-part of the pressure gradient) + S (v_f - v_s) + ρ_s b
 
-tested with w and collocated in time by the caller.  The pressure enters as -∫ p div w - ∫ n_f ∇p·w over the current
-configuration: the adjoint of the volume balance ∫ q div v_s - ∫ n_f ∇q·(v_f - v_s), whose natural traction is that of the
-mixture, (σ_E - p I) n = t̄.  A residual is internal minus external force; its terms are kept apart because their norms scale the
-convergence test and their powers make the energy balance.
+tested with w and collocated in time by the caller.  The pressure enters as -∫ p div w - ∫ n_f ∇p·w
+over the current configuration: the adjoint of the volume balance ∫ q div v_s - ∫ n_f ∇q·(v_f -
+v_s), whose natural traction is that of the mixture, (σ_E - p I) n = t̄.  A residual is internal
+minus external force; its terms are kept apart because their norms scale the convergence test and
+their powers make the energy balance.
 """
 
 import numpy as np
@@ -18,10 +19,11 @@ TERMS = ("stress", "inertia", "pressure", "drag", "body")
 
 
 def displacement_gradient(G0, u):
-    """Return H_iJ = u_ai dN_a/dX_J = F_iJ - δ_iJ, (E, Q', d, d), for G0 (E, Q', A, d) and u = y - X (E, A, d) [m].
+    """Return H_iJ = u_ai dN_a/dX_J = F_iJ - δ_iJ, (E, Q', d, d), for G0 (E, Q', A, d) and u = y - X
+    (E, A, d) [m].
 
-    The positions enter as displacements from the reference: y would lose the digits of X/h (measured: 5e-6 of the force in a
-    first small step of a 10 m column).
+    The positions enter as displacements from the reference: y would lose the digits of X/h
+    (measured: 5e-6 of the force in a first small step of a 10 m column).
     """
     E, points, A, d = G0.shape
     H = np.empty((E, points, d, d))
@@ -46,7 +48,8 @@ def _gradient_loop(A, d):
 
 def stress_residual(G0, dV0, law, u):
     """Return ∫ ∇_X w : P dV0, (E, A, d) [N], for nodal displacements u = y - X, (E, A, d) [m]."""
-    P, vectors = law.stress(displacement_gradient(G0, u)), np.empty(u.shape)
+    P = law.stress(displacement_gradient(G0, u))
+    vectors = np.empty(u.shape)
     _stress_loop(*u.shape[1:])(plain(G0), _volumes(G0, dV0), plain(P), vectors)
     return vectors
 
@@ -54,7 +57,8 @@ def stress_residual(G0, dV0, law, u):
 def stress_load(N, G0, normal, law, u):
     """Return ∮ N_a P·N dA0, (F, A, d) [N], of the stress in the cells behind facets.
 
-    N (Q, A), G0 (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal times dA0; u (F, A, d) [m]
+    N (Q, A), G0 (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal
+    times dA0; u (F, A, d) [m]
     """
     P = law.stress(displacement_gradient(G0, u))
     return N.T @ (P @ normal[..., None])[..., 0]
@@ -79,22 +83,31 @@ def _stress_loop(A, d):
 def stress_tangent(G0, dV0, law, u, before=None):
     """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m].
 
-    before (E, A, d) : displacement from which the stress of the geometric part is linear, see `ElasticLaw.mixed_tangent`
+    before (E, A, d) : displacement from which the stress of the geometric part is linear, see
+    `ElasticLaw.mixed_tangent`
     """
     E, A, d = u.shape
-    K, H = np.empty((E, A, d, A, d)), displacement_gradient(G0, u)
-    tangent = plain(law.tangent(H) if before is None else law.mixed_tangent(H, displacement_gradient(G0, before)))
+    K = np.empty((E, A, d, A, d))
+    H = displacement_gradient(G0, u)
+    tangent = plain(
+        law.tangent(H)
+        if before is None
+        else law.mixed_tangent(H, displacement_gradient(G0, before))
+    )
     _tangent_loop(A, d)(plain(G0), _volumes(G0, dV0), tangent, K.reshape(E, A, -1))
     return K
 
 
 @specialized
 def _tangent_loop(A, d):
-    """Return the loop over points: D[J, (i, b, k)] = dP_iJ/dF_kL dN_b/dX_L dV0, contracted with dN_a/dX_J for node a."""
+    """Return the loop over points: D[J, (i, b, k)] = dP_iJ/dF_kL dN_b/dX_L dV0, contracted with
+    dN_a/dX_J for node a.
+    """
     columns = d * A * d
 
     def loop(G0, dV0, tangent, K):
-        g, D = stack((A, d)), stack((d, columns))
+        g = stack((A, d))
+        D = stack((d, columns))
         for e in range(len(K)):
             K[e] = 0.0
             for q in range(tangent.shape[1]):
@@ -121,20 +134,27 @@ def _tangent_loop(A, d):
 
 
 def _volumes(G0, dV0):
-    """Return dV0 at the points of the gradients, (E, Q'): that of all points where they are constant."""
+    """Return dV0 at the points of the gradients, (E, Q'): that of all points where they are
+    constant.
+    """
     return plain(dV0.sum(axis=1, keepdims=True) if G0.shape[1] == 1 else dV0)
 
 
 def volumetric_compliance(law, H):
-    """Return (1/E_c + 1/K_d)/2, (E, Q) [1/Pa], of the present tangent A = dP/dF: what a pressure makes of the volume.
+    """Return (1/E_c + 1/K_d)/2, (E, Q) [1/Pa], of the present tangent A = dP/dF: what a pressure
+    makes of the volume.
 
-    E_c = (1/d) Σ_i F_iJ F_iL A_iJiL/J is the stiffness against a compression wave, λ + 2μ at H = 0: the answer of a body that is
-    held at its sides.  K_d = (1/d²) Σ_ik F_iJ F_kL A_iJkL/J is that against a uniform dilation, λ + 2μ/d at H = 0: the answer of
-    one that is free.  Every body answers with a compliance between the two, so that with their mean the error of a fixed-stress
-    split falls by (E_c - K_d)/(E_c + K_d) or better: 1/2 at ν = 0 in 3-D, 1/3 in plane strain (with 1/E_c: 2 and 1).
+    E_c = (1/d) Σ_i F_iJ F_iL A_iJiL/J is the stiffness against a compression wave, λ + 2μ at H = 0:
+    the answer of a body that is held at its sides.  K_d = (1/d²) Σ_ik F_iJ F_kL A_iJkL/J is that
+    against a uniform dilation, λ + 2μ/d at H = 0: the answer of one that is free.  Every body
+    answers with a compliance between the two, so that with their mean the error of a fixed-stress
+    split falls by (E_c - K_d)/(E_c + K_d) or better: 1/2 at ν = 0 in 3-D, 1/3 in plane strain (with
+    1/E_c: 2 and 1).
     """
     d = H.shape[-1]
-    F, A, volume = H + np.eye(d), law.tangent(H), np.linalg.det(H + np.eye(d))
+    F = H + np.eye(d)
+    A = law.tangent(H)
+    volume = np.linalg.det(H + np.eye(d))
     along = np.einsum("...ij,...il,...ijil->...", F, F, A)
     dilation = np.einsum("...ij,...kl,...ijkl->...", F, F, A)
     return 0.5 * volume * (d / along + d**2 / dilation)
@@ -151,23 +171,30 @@ def inertia_residual(N, dV0, rho_s, a):
 
 
 def coupling_residual(N, geometry, material, J, p, w):
-    """Return the pressure term -∫ p div w - ∫ n_f ∇p·w and the drag term -∫ S w_rel·w over the current configuration.
+    """Return the pressure term -∫ p div w - ∫ n_f ∇p·w and the drag term -∫ S w_rel·w over the
+    current configuration.
 
     p (E, A) [Pa], w (E, A, d) = v_f - v_s nodal [m/s]; both results (E, A, d) [N].
     """
     A, d = w.shape[1:]
-    n, S, vectors = plain(material.fluid_fraction(J)), plain(material.drag(J)), np.empty((len(w), A, 2 * d))
-    _coupling_loop(A, d)(plain(N), plain(geometry.G), plain(geometry.dV), n, S, plain(p), plain(w), vectors)
+    n = plain(material.fluid_fraction(J))
+    S = plain(material.drag(J))
+    vectors = np.empty((len(w), A, 2 * d))
+    _coupling_loop(A, d)(
+        plain(N), plain(geometry.G), plain(geometry.dV), n, S, plain(p), plain(w), vectors
+    )
     return vectors[..., :d], vectors[..., d:]
 
 
 @specialized
 def _coupling_loop(A, d):
     """Return the loop that writes the pressure term and the drag term side by side, (E, A, 2 d)."""
-    rows, columns = 1 + d, 2 * d
+    rows = 1 + d
+    columns = 2 * d
 
     def loop(N, G, dV, n, S, p, w, vectors):
-        g, D = stack((A, d)), stack((rows, columns))
+        g = stack((A, d))
+        D = stack((rows, columns))
         D[:] = 0.0
         for e in range(len(vectors)):
             vectors[e] = 0.0
@@ -178,7 +205,8 @@ def _coupling_loop(A, d):
                     for j in range(d):
                         g[a, j] = G[e, q if A > d + 1 else 0, a, j]
                 for i in range(d):
-                    gradient, relative = 0.0, 0.0
+                    gradient = 0.0
+                    relative = 0.0
                     for a in range(A):
                         gradient += g[a, i] * p[e, a]
                         relative += N[q, a] * w[e, a, i]

@@ -1,4 +1,6 @@
-"""Stabilization parameters of the fluid and of the undrained limit, frozen at the start of a step."""
+"""Stabilization parameters of the fluid and of the undrained limit, frozen at the start of a
+step.
+"""
 
 import numpy as np
 
@@ -8,13 +10,16 @@ from ..compiled import specialized
 def momentum_tau(transient, drag, viscous, convective):
     """Return τ = [(2ρ/Δt)² + S² + (4 n μ/h²)² + (ρ Σ_a |c·∇N_a|)²]^(-1/2), (E, Q) [m³ s/kg].
 
-    The arguments are the four scales [kg/(m³ s)], arrays or floats; a term left out is 0 (Tezduyar & Osawa 2000, drag added).
+    The arguments are the four scales [kg/(m³ s)], arrays or floats; a term left out is 0 (Tezduyar
+    & Osawa 2000, drag added).
     """
     return 1 / np.sqrt(transient**2 + drag**2 + viscous**2 + convective**2)
 
 
 def convective_scale(N, G, rho, c):
-    """Return ρ Σ_a |c·∇N_a| = 2 ρ |c|/h_c, (E, Q) [kg/(m³ s)], h_c the element length along c (E, A, d nodal)."""
+    """Return ρ Σ_a |c·∇N_a| = 2 ρ |c|/h_c, (E, Q) [kg/(m³ s)], h_c the element length along c (E,
+    A, d nodal).
+    """
     advected = np.broadcast_to(G, (G.shape[0], len(N), *G.shape[2:])) @ (N @ c)[..., None]
     return rho * np.abs(advected[..., 0]).sum(axis=-1)
 
@@ -24,17 +29,20 @@ def lsic_viscosity(N, rho, c, h):
     return rho * np.linalg.norm(N @ c, axis=-1) * h[:, None] / 2
 
 
-# Part of the static compliance that stays on steps so short that inertia dominates at grid scale.  Without it the stabilization
-# fades like Δt² and pressure checkerboards grow (docs/pulse2d_convergence.md), also where such a step leaves the fluid free; with
-# all of it the displacement under a load on linear triangles is 3.5 % off instead of 0.5 %.
+# Part of the static compliance that stays on steps so short that inertia dominates at grid scale.
+# Without it the stabilization fades like Δt² and pressure checkerboards grow
+# (docs/pulse2d_convergence.md), also where such a step leaves the fluid free; with all of it the
+# displacement under a load on linear triangles is 3.5 % off instead of 0.5 %.
 STATIC_PART = 0.3
 
 
 def grid_compliance(E_c, size, inertia):
-    """Return Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, d, d) [m⁴/N]; times α² it is τ_u.
+    """Return Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, d, d) [m⁴/N]; times α²
+    it is τ_u.
 
-    size : (E, d, d) [m²] with eigenvalues h_i² along e_i, see `fem.geometry.element_size_tensor`; inertia = c_a ρ [kg/(m³ s²)],
-    ρ = ρ_s + ρ_f; α is the part of the pressure gradient that moves the skeleton
+    size : (E, d, d) [m²] with eigenvalues h_i² along e_i, see `fem.geometry.element_size_tensor`;
+    inertia = c_a ρ [kg/(m³ s²)], ρ = ρ_s + ρ_f; α is the part of the pressure gradient that moves
+    the skeleton
     """
     h2, e = np.linalg.eigh(size)
     compliance = np.maximum(1 / (4 * E_c / h2 + inertia), STATIC_PART * h2 / (4 * E_c))
@@ -42,7 +50,9 @@ def grid_compliance(E_c, size, inertia):
 
 
 def undrained_tau(compliance, moved):
-    """Return τ_u = α² times the compliance (E, d, d) of `grid_compliance` at the points, (E, Q, d, d); moved = α (E, Q)."""
+    """Return τ_u = α² times the compliance (E, d, d) of `grid_compliance` at the points, (E, Q, d,
+    d); moved = α (E, Q).
+    """
     E, Q = moved.shape
     tau = np.empty((E, Q, *compliance.shape[1:]))
     _undrained_loop(compliance.shape[-1])(compliance, moved, tau)

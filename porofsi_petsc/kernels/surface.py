@@ -1,19 +1,24 @@
-"""Integrals over facets: loads that stay or follow, tractions, Robin terms, backflow, a field that vanishes on a surface weakly.
+"""Integrals over facets: loads that stay or follow, tractions, Robin terms, backflow, a field that
+vanishes on a surface weakly.
 
-N (Q, A) and dN (Q', A, d - 1) are those of the facet's element, Q' = 1 where gradients are constant.
+N (Q, A) and dN (Q', A, d - 1) are those of the facet's element, Q' = 1 where gradients are
+constant.
 """
 
 import numpy as np
 
 from .assemble import add_isotropic, bilinear, mass_matrix
 
-# ε_ij and ε_ijk: the normal is ε_ij t_j on a line with the tangent t, ε_ijk t_j s_k on a surface with the tangents t, s.
+# ε_ij and ε_ijk: the normal is ε_ij t_j on a line with the tangent t, ε_ijk t_j s_k on a surface
+# with the tangents t, s.
 _TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 _PERMUTATION = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(2, 0, 1)
 
 
 def facet_normal(dN, weights, coordinates):
-    """Return the outward normals times dA, (F, Q, d) [m^(d-1)], of facets with nodal coordinates (F, A, d); dN (Q, A, d - 1)."""
+    """Return the outward normals times dA, (F, Q, d) [m^(d-1)], of facets with nodal coordinates
+    (F, A, d); dN (Q, A, d - 1).
+    """
     tangents = _tangents(dN, coordinates)
     if tangents.shape[-1] == 1:
         normal = tangents[..., 0] @ _TURN.T
@@ -28,15 +33,20 @@ def _tangents(dN, coordinates):
 
 
 def _normal_by_positions(dN, weights, coordinates):
-    """Return the derivative of `facet_normal` (component i) by the positions x_bj, (F, Q, b, i, j) [m^(d-2)].
+    """Return the derivative of `facet_normal` (component i) by the positions x_bj, (F, Q, b, i, j)
+    [m^(d-2)].
 
-    ε_ij ∂N_b on a line, ε_ijk (∂_1 N_b s_k - ∂_2 N_b t_k) on a surface with the tangents t = ∂_1 x and s = ∂_2 x.
+    ε_ij ∂N_b on a line, ε_ijk (∂_1 N_b s_k - ∂_2 N_b t_k) on a surface with the tangents t = ∂_1 x
+    and s = ∂_2 x.
     """
     if dN.shape[-1] == 1:
         change = np.broadcast_to(dN[..., None] * _TURN, (len(coordinates), *dN.shape[:2], 2, 2))
     else:
         turned = np.einsum("ijk,fqkm->fqmij", _PERMUTATION, _tangents(dN, coordinates))
-        change = dN[..., 0, None, None] * turned[:, :, None, 1] - dN[..., 1, None, None] * turned[:, :, None, 0]
+        change = (
+            dN[..., 0, None, None] * turned[:, :, None, 1]
+            - dN[..., 1, None, None] * turned[:, :, None, 0]
+        )
     return change * weights[:, None, None, None]
 
 
@@ -46,22 +56,28 @@ def surface_load(N, dA, values):
 
 
 def surface_mass(N, dA, values):
-    """Return ∮ N_a α N_b dA, (F, A, A), for values α (F, Q) or (F, 1): the matrix of a Robin condition."""
+    """Return ∮ N_a α N_b dA, (F, A, A), for values α (F, Q) or (F, 1): the matrix of a Robin
+    condition.
+    """
     return mass_matrix(N, values * dA)
 
 
 def pressure_load(N, normal, p):
-    """Return ∮ N_a p n dA, (F, A, d) [N], of a pressure p (F, Q) [Pa] on the current outward normals times dA (F, Q, d).
+    """Return ∮ N_a p n dA, (F, A, d) [N], of a pressure p (F, Q) [Pa] on the current outward
+    normals times dA (F, Q, d).
 
-    A pressure from outside pushes with minus this load; its derivative is `pressure_load_by_positions`.
+    A pressure from outside pushes with minus this load; its derivative is
+    `pressure_load_by_positions`.
     """
     return surface_load(N, p, normal)
 
 
 def pressure_load_by_positions(N, dN, weights, coordinates, p):
-    """Return the derivative of `pressure_load` by the positions of the facet's nodes, (F, A, d, A, d) [N/m], at given p (F, Q).
+    """Return the derivative of `pressure_load` by the positions of the facet's nodes, (F, A, d, A,
+    d) [N/m], at given p (F, Q).
 
-    The load follows: n dA is the product of the current tangents, so it has no Jacobian (Simo, Taylor & Wriggers 1991).
+    The load follows: n dA is the product of the current tangents, so it has no Jacobian (Simo,
+    Taylor & Wriggers 1991).
     """
     change = _normal_by_positions(dN, weights, coordinates)
     _, _, A, d, _ = change.shape
@@ -73,10 +89,12 @@ def pressure_load_by_positions(N, dN, weights, coordinates, p):
 
 
 def backflow_residual(N, normal, rho, beta, v, c):
-    """Return -(β/2) ∮ ρ (c·n)_- N_a v dA, (F, A, d) [N]: what enters through an open boundary brings no kinetic energy along.
+    """Return -(β/2) ∮ ρ (c·n)_- N_a v dA, (F, A, d) [N]: what enters through an open boundary
+    brings no kinetic energy along.
 
-    (x)_- = min(x, 0); c = v - v_m is the velocity through the boundary.  With β = 1 the power of the term is the kinetic energy
-    that convection carries in (Esmaily-Moghadam et al. 2011; Bertoglio et al. 2018).  It is zero where the fluid leaves.
+    (x)_- = min(x, 0); c = v - v_m is the velocity through the boundary.  With β = 1 the power of
+    the term is the kinetic energy that convection carries in (Esmaily-Moghadam et al. 2011;
+    Bertoglio et al. 2018).  It is zero where the fluid leaves.
 
     normal (F, Q, d) current outward normals times dA; rho (F, Q) [kg/m³]; v, c (F, A, d) [m/s]
     """
@@ -87,11 +105,13 @@ def backflow_residual(N, normal, rho, beta, v, c):
 def backflow_tangent(N, normal, rho, beta, v, c):
     """Return the derivative of `backflow_residual` by v with c = v - v_m, (F, A, d, A, d) [N s/m].
 
-    It is that of the side the flow is on: at c·n = 0, where (c·n)_- has a kink, that of the outflow.
+    It is that of the side the flow is on: at c·n = 0, where (c·n)_- has a kink, that of the
+    outflow.
     """
     inflow, slope = _inflow(N, normal, rho, beta, c)
     F, A, d = v.shape
-    values, K = N @ v, np.zeros((F, A, d, A, d))
+    values = N @ v
+    K = np.zeros((F, A, d, A, d))
     for i in range(d):
         for j in range(d):
             K[:, :, i, :, j] = mass_matrix(N, values[..., i] * slope[..., j])
@@ -107,10 +127,11 @@ def _inflow(N, normal, rho, beta, c):
 
 
 def traction_load(N, G, normal, v, p, mu):
-    """Return ∮ N_a (-p I + μ (∇v + ∇vᵀ)) n dA, (F, A, d) [N], of the stress in the cells behind facets.
+    """Return ∮ N_a (-p I + μ (∇v + ∇vᵀ)) n dA, (F, A, d) [N], of the stress in the cells behind
+    facets.
 
-    N (Q, A), G (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal times dA; v (F, A, d), p (F, A),
-    mu [Pa s]
+    N (Q, A), G (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal
+    times dA; v (F, A, d), p (F, A), mu [Pa s]
     """
     gradient = np.swapaxes(v, 1, 2)[:, None] @ G
     viscous = (gradient + np.swapaxes(gradient, 2, 3)) @ normal[..., None]
@@ -118,10 +139,11 @@ def traction_load(N, G, normal, v, p, mu):
 
 
 def weak_zero(N, G, normal, penalty):
-    """Return -∮ (q ∂_n s + s ∂_n q) dA + ∮ penalty q s dA, (F, A, A) [m^(d-2)]: s = 0 by Nitsche's method (1971).
+    """Return -∮ (q ∂_n s + s ∂_n q) dA + ∮ penalty q s dA, (F, A, A) [m^(d-2)]: s = 0 by Nitsche's
+    method (1971).
 
-    N (Q, A), G (F, Q, A, d) of the cells behind the facets at the facets' points; normal (F, Q, d) outward normal times dA;
-    penalty (F,) [1/m]
+    N (Q, A), G (F, Q, A, d) of the cells behind the facets at the facets' points; normal (F, Q, d)
+    outward normal times dA; penalty (F,) [1/m]
     """
     slope = (G @ normal[..., None])[..., 0]
     crossed = np.swapaxes(slope, 1, 2) @ np.broadcast_to(N, slope.shape)

@@ -1,4 +1,6 @@
-"""The one place that knows the differences between petsc4py 3.18 and the newest: C functions without a wrapper, renamed calls."""
+"""The one place that knows the differences between petsc4py 3.18 and the newest: C functions
+without a wrapper, renamed calls.
+"""
 
 import ctypes
 from collections.abc import Iterator
@@ -21,7 +23,9 @@ def _check(code):
 
 
 def option_used(name: str) -> bool:
-    """Return whether this rank has asked for an option of the database (`PetscOptionsUsed`, not wrapped by petsc4py)."""
+    """Return whether this rank has asked for an option of the database (`PetscOptionsUsed`, not
+    wrapped by petsc4py).
+    """
     used = ctypes.c_int(0)
     _check(_library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used)))
     return bool(used.value & 0xFF)
@@ -34,9 +38,11 @@ def insert_environment_options() -> None:
 
 @contextmanager
 def local_values(matrix: PETSc.Mat, sizes: tuple[int, int]) -> Iterator[list[np.ndarray]]:
-    """Lend the values of an AIJ matrix, row by row: those in the columns of this rank and those in the others', of known sizes.
+    """Lend the values of an AIJ matrix, row by row: those in the columns of this rank and those in
+    the others', of known sizes.
 
-    PETSc keeps them in two matrices, of which petsc4py shows neither; on one process all is in the first.
+    PETSc keeps them in two matrices, of which petsc4py shows neither; on one process all is in the
+    first.
     """
     parts = [ctypes.c_void_p(matrix.handle), None]
     if matrix.comm.size > 1:
@@ -55,4 +61,8 @@ def local_values(matrix: PETSc.Mat, sizes: tuple[int, int]) -> Iterator[list[np.
 
 
 def _view(pointer, size):
-    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(pointer.value)) if size else np.empty(0)
+    return (
+        np.ctypeslib.as_array((ctypes.c_double * size).from_address(pointer.value))
+        if size
+        else np.empty(0)
+    )

@@ -1,15 +1,19 @@
-"""PETSc Python preconditioner of the pressure block of a free fluid: pressure convection-diffusion."""
+"""PETSc Python preconditioner of the pressure block of a free fluid: pressure
+convection-diffusion.
+"""
 
 from petsc4py import PETSc
 
 
 class PressureConvectionDiffusion:
-    """Precondition the Schur complement of the pressure by S⁻¹ ≈ (1 + L⁻¹ T) Q⁻¹ (derivation: `kernels.pressure`).
+    """Precondition the Schur complement of the pressure by S⁻¹ ≈ (1 + L⁻¹ T) Q⁻¹ (derivation:
+    `kernels.pressure`).
 
-    The inverses are KSPs of their own with a fixed linear operator, a multigrid cycle by default, with the options
-    `<prefix of the block>compliance_` (Q) and `<prefix of the block>laplacian_` (L).  The matrices are the caller's, given to
-    `replace` before every set-up and not freed here.
-    The matrix scaled to a unit diagonal asks for D^½ S⁻¹ D^½, D the diagonal of the pressure's block.
+    The inverses are KSPs of their own with a fixed linear operator, a multigrid cycle by default,
+    with the options `<prefix of the block>compliance_` (Q) and `<prefix of the block>laplacian_`
+    (L).  The matrices are the caller's, given to `replace` before every set-up and not freed here.
+    The matrix scaled to a unit diagonal asks for D^½ S⁻¹ D^½, D the diagonal of the pressure's
+    block.
     """
 
     def __init__(self):
@@ -17,11 +21,18 @@ class PressureConvectionDiffusion:
         self._parts = ()
 
     def replace(self, compliance, laplacian, transport, diagonal):
-        """Take Q, L, T (PETSc.Mat) and the diagonal of the pressure's block of the unscaled matrix, (owned rows,)."""
-        self._compliance, self._laplacian, self._transport, self._diagonal = compliance, laplacian, transport, diagonal
+        """Take Q, L, T (PETSc.Mat) and the diagonal of the pressure's block of the unscaled matrix,
+        (owned rows,).
+        """
+        self._compliance = compliance
+        self._laplacian = laplacian
+        self._transport = transport
+        self._diagonal = diagonal
 
     def setUp(self, pc):
-        """Set up the inner solvers and find the scaling from the diagonal of the block (collective)."""
+        """Set up the inner solvers and find the scaling from the diagonal of the block
+        (collective).
+        """
         self.destroy(pc)
         prefix = pc.getOptionsPrefix() or ""
         self._Q = _solver(self._compliance, prefix + "compliance_")

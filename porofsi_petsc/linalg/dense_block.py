@@ -1,15 +1,20 @@
-"""A matrix with a dense block in some of its rows and columns, as the answer of a body condensed to a surface is one."""
+"""A matrix with a dense block in some of its rows and columns, as the answer of a body condensed to
+a surface is one.
+"""
 
 import numpy as np
 from petsc4py import PETSc
 
 
 class DenselyCoupled:
-    """A + E B Eᵀ, A a PETSc.Mat whose values change and B a dense matrix on some of its unknowns; `mat` has the union pattern."""
+    """A + E B Eᵀ, A a PETSc.Mat whose values change and B a dense matrix on some of its unknowns;
+    `mat` has the union pattern.
+    """
 
     def __init__(self, matrix, unknowns):
         """Take A and the numbers of the unknowns in it, (n,), the same on every rank."""
-        self._matrix, self._order = matrix, np.argsort(unknowns)
+        self._matrix = matrix
+        self._order = np.argsort(unknowns)
         first, end = matrix.getOwnershipRange()
         self._columns = np.sort(unknowns).astype(PETSc.IntType)
         self._mine = (self._columns >= first) & (self._columns < end)
@@ -19,11 +24,15 @@ class DenselyCoupled:
         self.mat = None
 
     def assemble(self, block):
-        """Set the matrix to the present A and B = block (n, n), the same on every rank (collective)."""
+        """Set the matrix to the present A and B = block (n, n), the same on every rank
+        (collective).
+        """
         values = block[np.ix_(self._order, self._order)][self._mine]
         columns = np.tile(self._columns, len(values))
         added = PETSc.Mat().createAIJ(
-            self._matrix.getSizes(), csr=(self._starts, columns, values.ravel()), comm=self._matrix.comm
+            self._matrix.getSizes(),
+            csr=(self._starts, columns, values.ravel()),
+            comm=self._matrix.comm,
         )
         if self.mat is None:
             self.mat = self._matrix.copy()

@@ -1,4 +1,6 @@
-"""The null space of a singular matrix: taken out of the iterates, or of the matrix before it is factored."""
+"""The null space of a singular matrix: taken out of the iterates, or of the matrix before it is
+factored.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +13,8 @@ from petsc4py import PETSc
 class NullVector:
     """A vector x with A x = 0 and Aᵀ x = 0, 1 on some rows and 0 on the others.
 
-    values : (owned rows,); row : owned row with x = 1 which a factorization fixes, None where it is another rank's
+    values : (owned rows,); row : owned row with x = 1 which a factorization fixes, None where it is
+    another rank's
     """
 
     values: np.ndarray
@@ -21,21 +24,28 @@ class NullVector:
 class NullSpace:
     """What a solver does with the null space of its matrix, whose values change.
 
-    An iterative solver takes it out of every iterate and out of the right side (MatSetNullSpace).  A factorization needs a
-    regular matrix: a_rr is doubled in one row r of each vector.  With A x = b that has a solution follows xᵀ(A + a_rr e_r e_rᵀ) y
-    = a_rr y_r = xᵀ b = 0: the solution is that one of A with y_r = 0.
+    An iterative solver takes it out of every iterate and out of the right side (MatSetNullSpace).
+    A factorization needs a regular matrix: a_rr is doubled in one row r of each vector.  With A x =
+    b that has a solution follows xᵀ(A + a_rr e_r e_rᵀ) y = a_rr y_r = xᵀ b = 0: the solution is
+    that one of A with y_r = 0.
     """
 
     def __init__(self, matrix: PETSc.Mat, vectors: Sequence[NullVector], direct: bool):
-        self._matrix, self._vectors, self._direct, self._state = matrix, vectors, direct, None
+        self._matrix = matrix
+        self._vectors = vectors
+        self._direct = direct
+        self._state = None
         self._space = None
 
     def use(self, matrix: PETSc.Mat) -> None:
         """Go on with another matrix of the same layout and null space."""
-        self._matrix, self._state = matrix, None
+        self._matrix = matrix
+        self._state = None
 
     def prepare(self, scaling: PETSc.Vec | None = None) -> None:
-        """Make new values of the matrix ready; scaling : D^-½ where it has been scaled to D^-½ A D^-½ (collective)."""
+        """Make new values of the matrix ready; scaling : D^-½ where it has been scaled to D^-½ A
+        D^-½ (collective).
+        """
         if self._matrix.stateGet() == self._state:
             return
         if self._direct:
@@ -45,7 +55,9 @@ class NullSpace:
         self._state = self._matrix.stateGet()
 
     def project(self, right: PETSc.Vec) -> None:
-        """Take what no solution can reach out of a right-hand side of an iterative solver (collective)."""
+        """Take what no solution can reach out of a right-hand side of an iterative solver
+        (collective).
+        """
         if self._space:
             self._space.remove(right)
 

@@ -1,4 +1,6 @@
-"""Owners of the nodes of a graph: PT-Scotch or ParMETIS when PETSc has one, else recursive coordinate bisection."""
+"""Owners of the nodes of a graph: PT-Scotch or ParMETIS when PETSc has one, else recursive
+coordinate bisection.
+"""
 
 import ctypes
 import os
@@ -7,15 +9,18 @@ import numpy as np
 from petsc4py import PETSc
 
 PARTITIONERS = ("ptscotch", "parmetis")
-# graph partitioners need some rows on every rank; below this many nodes per rank bisection is as good
+# graph partitioners need some rows on every rank; below this many nodes per rank bisection is as
+# good
 NODES_PER_RANK = 4
 
 
 def partition(comm, indptr, indices, coordinates):
-    """Return the owner of every node, (N,) int64 in 0 … size - 1, on rank 0 and None on the others; collective.
+    """Return the owner of every node, (N,) int64 in 0 … size - 1, on rank 0 and None on the others;
+    collective.
 
-    indptr (N + 1,), indices : adjacency in CSR form without the diagonal; coordinates : (N, d); all on rank 0, else ignored.
-    The same input on the same number of ranks gives the same owners.  A rank may stay without a node.
+    indptr (N + 1,), indices : adjacency in CSR form without the diagonal; coordinates : (N, d); all
+    on rank 0, else ignored. The same input on the same number of ranks gives the same owners.  A
+    rank may stay without a node.
     """
     n_nodes = comm.bcast(len(coordinates) if comm.rank == 0 else None)
     package = next((name for name in PARTITIONERS if PETSc.Sys.hasExternalPackage(name)), None)
@@ -25,9 +30,11 @@ def partition(comm, indptr, indices, coordinates):
 
 
 def coordinate_bisection(coordinates, n_parts):
-    """Return the part of every point, (N,): halve the longest side of the bounding box again and again.
+    """Return the part of every point, (N,): halve the longest side of the bounding box again and
+    again.
 
-    coordinates : (N, d).  The parts differ by the rounding of the cuts; ties are broken by the other coordinates.
+    coordinates : (N, d).  The parts differ by the rounding of the cuts; ties are broken by the
+    other coordinates.
     """
     owner = np.zeros(len(coordinates), dtype=np.int64)
     pieces = [(np.arange(len(coordinates)), 0, n_parts)]
@@ -48,7 +55,9 @@ def _graph_partition(comm, package, indptr, indices, n_nodes):
     bounds = np.arange(comm.size + 1) * n_nodes // comm.size
     rows, columns = _my_rows(comm, bounds, indptr, indices)
     size = (bounds[comm.rank + 1] - bounds[comm.rank], n_nodes)
-    graph = PETSc.Mat().createAIJ((size, size), csr=(rows, columns, np.ones(len(columns), PETSc.ScalarType)), comm=comm)
+    graph = PETSc.Mat().createAIJ(
+        (size, size), csr=(rows, columns, np.ones(len(columns), PETSc.ScalarType)), comm=comm
+    )
     partitioning = PETSc.MatPartitioning().create(comm)
     partitioning.setAdjacency(graph)
     partitioning.setType(package)
@@ -65,7 +74,9 @@ def _graph_partition(comm, package, indptr, indices, n_nodes):
 
 
 def _fix_scotch():
-    """Make PT-Scotch repeatable: its threads race for the random numbers, and their state survives from call to call."""
+    """Make PT-Scotch repeatable: its threads race for the random numbers, and their state survives
+    from call to call.
+    """
     os.environ["SCOTCH_PTHREAD_NUMBER"] = "1"
     reset = getattr(ctypes.CDLL(PETSc.__file__), "SCOTCH_randomReset", None)
     if reset is not None:
@@ -73,9 +84,13 @@ def _fix_scotch():
 
 
 def _my_rows(comm, bounds, indptr, indices):
-    """Return the CSR rows bounds[r] … bounds[r + 1] - 1 of rank r, sent by rank 0 in PETSc's integers."""
+    """Return the CSR rows bounds[r] … bounds[r + 1] - 1 of rank r, sent by rank 0 in PETSc's
+    integers.
+    """
     counts = np.empty(bounds[comm.rank + 1] - bounds[comm.rank], dtype=PETSc.IntType)
-    _scatter(comm, np.diff(indptr).astype(PETSc.IntType) if comm.rank == 0 else None, bounds, counts)
+    _scatter(
+        comm, np.diff(indptr).astype(PETSc.IntType) if comm.rank == 0 else None, bounds, counts
+    )
     columns = np.empty(counts.sum(), dtype=PETSc.IntType)
     limits = indptr[bounds] if comm.rank == 0 else None
     _scatter(comm, indices.astype(PETSc.IntType) if comm.rank == 0 else None, limits, columns)

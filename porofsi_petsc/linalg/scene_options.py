@@ -1,4 +1,6 @@
-"""What a scene may say to PETSc: solver options alone, so that a scene of somebody else runs no code and writes no file."""
+"""What a scene may say to PETSc: solver options alone, so that a scene of somebody else runs no
+code and writes no file.
+"""
 
 import re
 from collections.abc import Sequence
@@ -9,30 +11,40 @@ ALLOW = "--allow-scene-options"
 PREFIXES = ("fluid_", "solid_", "mesh_", "mixture_")
 WITHOUT_PREFIX = ("log_view", "options_left")  # without a value: they print at the end
 # Parts of names that take a path, load or run something, or open a port.
-REFUSED = re.compile(r"file|path|tmpdir|dll|python|shell|matlab|history|saws|socket|server|_save|_load|_dump|_plot")
+REFUSED = re.compile(
+    r"file|path|tmpdir|dll|python|shell|matlab|history|saws|socket|server|_save|_load|_dump|_plot"
+)
 OWN_PYTHON = re.compile(r"porofsi_petsc\.linalg\.\w+\.\w+")
-SHOWN = re.compile(r"_view|_monitor|_reason|_info|_test")  # a value of theirs may name a viewer and its file
+SHOWN = re.compile(
+    r"_view|_monitor|_reason|_info|_test"
+)  # a value of theirs may name a viewer and its file
 VIEWERS = re.compile(r"ascii|stdout|stderr|true|false|yes|no|on|off|0|1|(ascii)?::\w+")
 PLAIN = re.compile(r"[\w.+-]+(,[\w.+-]+)*")  # a number, a word, several of them
 
 
 def check_scene_options(words: Sequence[str]) -> None:
-    """Raise InputError for the first option of a scene that is none of a solver, or that could run code or write a file.
+    """Raise InputError for the first option of a scene that is none of a solver, or that could run
+    code or write a file.
 
     words : -NAME and values, one after the other.
     """
     for word, value in _pairs(words):
         name = word.lstrip("-").lower()
         if not _allowed(name, value):
-            text = f"[petsc] options: received {_shown(word, value)}, expected options of the solvers {', '.join(PREFIXES)}"
+            text = (
+                f"[petsc] options: received {_shown(word, value)}, expected options of the solvers"
+                f" {', '.join(PREFIXES)}"
+            )
             raise InputError(
-                f"{text} that name no file and no code of others; give it on the command line after --, "
-                f"or trust the scene with {ALLOW}"
+                f"{text} that name no file and no code of others; give it on the command line after"
+                f" --, or trust the scene with {ALLOW}"
             )
 
 
 def _pairs(words):
-    """Yield every option with its value, None where it has none; a value alone comes as an option."""
+    """Yield every option with its value, None where it has none; a value alone comes as an
+    option.
+    """
     rest = list(words)
     while rest:
         word = rest.pop(0)

@@ -1,4 +1,6 @@
-"""Linear solver: one KSP made once, with its rule for reusing the preconditioner, its statistics and its errors."""
+"""Linear solver: one KSP made once, with its rule for reusing the preconditioner, its statistics
+and its errors.
+"""
 
 import atexit
 import time
@@ -14,17 +16,32 @@ from .stopwatch import stage
 
 REUSE_FACTOR = 1.5
 REUSE_OFFSET = 2
-_REASONS = {number: name for name, number in vars(PETSc.KSP.ConvergedReason).items() if not name.startswith("_")}
+_REASONS = {
+    number: name
+    for name, number in vars(PETSc.KSP.ConvergedReason).items()
+    if not name.startswith("_")
+}
 _MISSING = (86, 92)  # PETSC_ERR_UNKNOWN_TYPE, PETSC_ERR_MISSING_FACTOR
 _NOT_CONVERGED = 91  # PETSC_ERR_NOT_CONVERGED, instead of a reason with -ksp_error_if_not_converged
 _FILES = (65, 66, 67)  # PETSC_ERR_FILE_OPEN, _READ, _WRITE
-_UNFIT = (56, 60, 62, 73, 75, 83)  # PETSC_ERR_SUP, _ARG_SIZ, _ARG_WRONG, _ARG_WRONGSTATE, _ARG_INCOMP, _USER
-_living: list = []  # strong references: the garbage collector runs at different times on the ranks, and an end is collective
+_UNFIT = (
+    56,
+    60,
+    62,
+    73,
+    75,
+    83,
+)  # PETSC_ERR_SUP, _ARG_SIZ, _ARG_WRONG, _ARG_WRONGSTATE, _ARG_INCOMP, _USER
+# strong references: the garbage collector runs at different times on the ranks, and an end is
+# collective
+_living: list = []
 
 
 @atexit.register
 def _destroy_all():
-    """Destroy every solver in order of creation: a Python preconditioner alive at exit crashes PETSc 3.18."""
+    """Destroy every solver in order of creation: a Python preconditioner alive at exit crashes
+    PETSc 3.18.
+    """
     for solver in [*_living]:
         solver.destroy()
 
@@ -37,22 +54,27 @@ class LinearSolver:
     defaults       : options (without the prefix) for what the user leaves open
     near_nullspace : arrays of the owned rows (`rigid_body_modes`), for algebraic multigrid
     fields         : dict name -> PETSc.IS, the splits "v" and "p" of a FieldSplit preconditioner
-    preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no -pc_python_type is given:
+    preconditioner : object with setUp(pc) and apply(pc, x, y), used where the type is python and no
+    -pc_python_type is given:
                      of the whole matrix, or of the field "p" of a FieldSplit
     null_vectors   : `NullVector`s of a singular matrix, orthogonal to each other
 
-    Scaling.  With fields an iterative solver works on D^-½ A D^-½ with a unit diagonal, since rtol must weigh newtons and cubic
-    metres per second.  The matrix is scaled in place, once for every assembly (PETSc's -ksp_diagonal_scale with _fix does it
-    twice in every solve, which takes time and the last digits: docs/solvers.md); the field "p" gets D^½ 1 as its near-null space.
+    Scaling.  With fields an iterative solver works on D^-½ A D^-½ with a unit diagonal, since rtol
+    must weigh newtons and cubic metres per second.  The matrix is scaled in place, once for every
+    assembly (PETSc's -ksp_diagonal_scale with _fix does it twice in every solve, which takes time
+    and the last digits: docs/solvers.md); the field "p" gets D^½ 1 as its near-null space.
 
-    Reuse rule.  After `update` an iterative solver keeps its old preconditioner as long as the last solve took at most
-    1.5 n + 2 iterations, n the number at the first solve after it was built; then, or when a solve with it fails, it is
-    rebuilt.  Measured on 3-D elasticity with GAMG: the total time of a Newton sequence halves, since a set-up costs about as
-    much as ten iterations; the 2 keeps solvers with few iterations from being rebuilt over one more.  A direct solver factors
-    after each `update`; who wants the old factor (modified Newton) does not call it.
-    Subdomain solvers of block Jacobi can be ahead of the rule: PETSc lets them see the diagonal block itself.
+    Reuse rule.  After `update` an iterative solver keeps its old preconditioner as long as the last
+    solve took at most 1.5 n + 2 iterations, n the number at the first solve after it was built;
+    then, or when a solve with it fails, it is rebuilt.  Measured on 3-D elasticity with GAMG: the
+    total time of a Newton sequence halves, since a set-up costs about as much as ten iterations;
+    the 2 keeps solvers with few iterations from being rebuilt over one more.  A direct solver
+    factors after each `update`; who wants the old factor (modified Newton) does not call it.
+    Subdomain solvers of block Jacobi can be ahead of the rule: PETSc lets them see the diagonal
+    block itself.
 
-    solves, iterations (of every solve), factorizations (set-ups of the preconditioner), setup_time, solve_time [s].
+    solves, iterations (of every solve), factorizations (set-ups of the preconditioner), setup_time,
+    solve_time [s].
     """
 
     def __init__(
@@ -65,7 +87,8 @@ class LinearSolver:
         preconditioner: object | None = None,
         null_vectors: Sequence[NullVector] = (),
     ):
-        self.matrix, self.prefix = matrix, prefix
+        self.matrix = matrix
+        self.prefix = prefix
         self.iterations: list[int] = []
         self.factorizations = 0
         self.setup_time = self.solve_time = 0.0
@@ -76,7 +99,8 @@ class LinearSolver:
         if near_nullspace:
             set_near_nullspace(matrix, near_nullspace)
         self._x, self._b = matrix.createVecs()
-        self.ksp, self._preconditioner = _make_ksp(matrix, prefix, fields), preconditioner
+        self.ksp = _make_ksp(matrix, prefix, fields)
+        self._preconditioner = preconditioner
         self._scaling = DiagonalScaling(matrix, fields["p"]) if fields and not self.direct else None
         self._null = NullSpace(matrix, null_vectors, self.direct) if null_vectors else None
         if self.preconditioned_by_object and not self._splits:
@@ -93,8 +117,12 @@ class LinearSolver:
         """Return whether the options leave the given preconditioner its place."""
         if self._preconditioner is None:
             return False
-        options, block = PETSc.Options().getAll(), self.prefix + ("fieldsplit_p_" if self._splits else "")
-        return options.get(block + "pc_type") == PETSc.PC.Type.PYTHON and block + "pc_python_type" not in options
+        options = PETSc.Options().getAll()
+        block = self.prefix + ("fieldsplit_p_" if self._splits else "")
+        return (
+            options.get(block + "pc_type") == PETSc.PC.Type.PYTHON
+            and block + "pc_python_type" not in options
+        )
 
     @property
     def _splits(self):
@@ -116,21 +144,28 @@ class LinearSolver:
         return max(self.iterations, default=0)
 
     def update(self, matrix_changed: bool = True) -> None:
-        """Say that the values of the matrix have changed; the reuse rule decides about the preconditioner."""
+        """Say that the values of the matrix have changed; the reuse rule decides about the
+        preconditioner.
+        """
         if matrix_changed:
             self._changed = True
             self._rebuild = self._rebuild or self.direct or self._worn()
 
     def refactor(self) -> None:
-        """Build the preconditioner, or the factor, anew at the next solve, of new values of the matrix or of the same."""
+        """Build the preconditioner, or the factor, anew at the next solve, of new values of the
+        matrix or of the same.
+        """
         self._changed = self._rebuild = True
 
     def use(self, matrix: PETSc.Mat) -> None:
-        """Solve with the present values of another matrix of the same layout from now on; only a factorization can."""
+        """Solve with the present values of another matrix of the same layout from now on; only a
+        factorization can.
+        """
         if not self.direct:
             raise InputError(
-                f'coupling.interface = "condensed": received an iterative solver -{self.prefix}…, expected a factorization; '
-                f'leave out the options -{self.prefix}… or take "dirichlet_neumann"'
+                f'coupling.interface = "condensed": received an iterative solver -{self.prefix}…,'
+                f" expected a factorization; leave out the options -{self.prefix}… or take"
+                ' "dirichlet_neumann"'
             )
         matrix.setOptionsPrefix(self.prefix)
         self.matrix = matrix
@@ -183,7 +218,8 @@ class LinearSolver:
         if not self._changed:
             self.ksp.getPC().setReusePreconditioner(True)  # new values count when `update` says so
             return False
-        start, fresh = time.perf_counter(), self._rebuild
+        start = time.perf_counter()
+        fresh = self._rebuild
         with stage("factorization"):
             self._give_matrix(fresh)
         self.factorizations += fresh
@@ -208,7 +244,9 @@ class LinearSolver:
             raise _broken(self.prefix, error, "set-up") from error
 
     def _prepare_pressure(self):
-        """Give the pressure's block, which a FieldSplit has made by now, its near-null space and the given object."""
+        """Give the pressure's block, which a FieldSplit has made by now, its near-null space and
+        the given object.
+        """
         block = self.ksp.getPC().getFieldSplitSubKSP()[1].getPC()
         if self._scaling:
             self._scaling.attach_constants(block.getOperators()[1])
@@ -216,7 +254,9 @@ class LinearSolver:
             block.setPythonContext(self._preconditioner)
 
     def _run(self):
-        """Return the iterations and the converged reason; a direct solve that is not finite counts as diverged."""
+        """Return the iterations and the converged reason; a direct solve that is not finite counts
+        as diverged.
+        """
         start = time.perf_counter()
         try:
             with stage("solve"):
@@ -233,16 +273,18 @@ class LinearSolver:
     def _raise(self, reason):
         error = self._failure(reason)
         if self.direct:
-            self.ksp.reset()  # a factorization that failed on a matrix that is not finite fails on every later one, too
+            # a factorization that failed on a matrix that is not finite fails on every later one,
+            # too
+            self.ksp.reset()
         self.refactor()
         raise error
 
     def _failure(self, reason):
         text = _REASONS.get(int(reason), str(reason))
         return ConvergenceError(
-            f"linear solver {self.prefix} ({self.ksp.getType()}, {self.ksp.getPC().getType()}) failed with {text} after "
-            f"{self.ksp.getIterationNumber()} iterations, residual {self.ksp.getResidualNorm():.3g} (right-hand side "
-            f"{self._b.norm():.3g})",
+            f"linear solver {self.prefix} ({self.ksp.getType()}, {self.ksp.getPC().getType()})"
+            f" failed with {text} after {self.ksp.getIterationNumber()} iterations, residual"
+            f" {self.ksp.getResidualNorm():.3g} (right-hand side {self._b.norm():.3g})",
             self._advice(),
         )
 
@@ -250,15 +292,19 @@ class LinearSolver:
         advice = f"see -{self.prefix}ksp_monitor -{self.prefix}ksp_converged_reason"
         if self.direct and self.ksp.getPC().getType() in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):
             return advice
-        return f"{advice}, or try a direct solver (-{self.prefix}ksp_type preonly -{self.prefix}pc_type lu)"
+        return (
+            f"{advice}, or try a direct solver (-{self.prefix}ksp_type preonly"
+            f" -{self.prefix}pc_type lu)"
+        )
 
 
 def direct_defaults(symmetric: bool = False) -> dict[str, object] | None:
     """Return the options of a direct solver, None when this PETSc has none for more than one rank.
 
-    MUMPS, else PETSc's own LU on one rank; LDL^T by MUMPS when the matrix is symmetric (half the work and memory of LU).  MUMPS
-    gets 80 % of spare work space (default 20-35 %), since badly scaled blocks pivot a lot and else end in its error -9.
-    SuperLU_dist is left to the user: slower than the iterative solvers, and PETSc 3.18 crashes at exit after it.
+    MUMPS, else PETSc's own LU on one rank; LDL^T by MUMPS when the matrix is symmetric (half the
+    work and memory of LU).  MUMPS gets 80 % of spare work space (default 20-35 %), since badly
+    scaled blocks pivot a lot and else end in its error -9. SuperLU_dist is left to the user: slower
+    than the iterative solvers, and PETSc 3.18 crashes at exit after it.
     """
     if has_package("mumps"):
         return _factor("cholesky" if symmetric else "lu", "mumps") | {"mat_mumps_icntl_14": 80}
@@ -266,9 +312,11 @@ def direct_defaults(symmetric: bool = False) -> dict[str, object] | None:
 
 
 def set_near_nullspace(matrix: PETSc.Mat, modes: Sequence[np.ndarray]) -> None:
-    """Attach near-null vectors, arrays of the owned rows, to a matrix and to its diagonal block (collective).
+    """Attach near-null vectors, arrays of the owned rows, to a matrix and to its diagonal block
+    (collective).
 
-    Subdomain solvers work on the diagonal block, which does not inherit them; there they are orthonormalised rank by rank.
+    Subdomain solvers work on the diagonal block, which does not inherit them; there they are
+    orthonormalised rank by rank.
     """
     _attach(matrix, np.column_stack(modes))
     block = matrix.getDiagonalBlock()
@@ -288,18 +336,22 @@ def _attach(matrix, columns):
 
 
 class DiagonalScaling:
-    """D^-½ of a matrix in the units of its rows and columns, D = |diag A| and 1 where that vanishes; and D^½ 1 of its field "p".
+    """D^-½ of a matrix in the units of its rows and columns, D = |diag A| and 1 where that
+    vanishes; and D^½ 1 of its field "p".
 
     The latter is what the constants become, which span the near-null space of the pressure's block.
     """
 
     def __init__(self, matrix, pressure):
         """Take a matrix and the index set of its field "p"."""
-        self._matrix, self._pressure, self._state = matrix, pressure, None
+        self._matrix = matrix
+        self._pressure = pressure
+        self._state = None
         self._factor = matrix.createVecRight()
 
     def scale(self):
-        """Replace A by D^-½ A D^-½ unless its values are those that were scaled before (collective).
+        """Replace A by D^-½ A D^-½ unless its values are those that were scaled before
+        (collective).
 
         PETSc counts the changes of an object, as it does to know what a preconditioner was made of.
         """
@@ -360,9 +412,13 @@ def _factor(kind, package):
 
 
 def _broken(prefix, error, stage_name):
-    """Return the error of the user for one of PETSc: of options that cannot work, else of this matrix."""
+    """Return the error of the user for one of PETSc: of options that cannot work, else of this
+    matrix.
+    """
     if error.ierr in _FILES:
-        return InputError(f"PETSc options: {reason_of(error)}; correct the file of an option -{prefix}…")
+        return InputError(
+            f"PETSc options: {reason_of(error)}; correct the file of an option -{prefix}…"
+        )
     if error.ierr in _MISSING:
         return _missing(prefix, error)
     if error.ierr in _UNFIT:

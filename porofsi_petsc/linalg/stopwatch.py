@@ -9,7 +9,9 @@ from petsc4py import PETSc
 
 
 def stage(name):
-    """Return a context whose work PETSc logs as a stage of this name; of a stage inside a stage the inner one counts."""
+    """Return a context whose work PETSc logs as a stage of this name; of a stage inside a stage the
+    inner one counts.
+    """
     return PETSc.Log.Stage(name)
 
 
@@ -38,7 +40,9 @@ class Stopwatch:
 
 
 def timed(name):
-    """Return a decorator that counts the time of a method into a stage of the `stopwatch` of its object."""
+    """Return a decorator that counts the time of a method into a stage of the `stopwatch` of its
+    object.
+    """
 
     def decorate(method):
         @wraps(method)

@@ -1,6 +1,17 @@
-"""Constitutive laws by the names that scenes give them: registering a law is adding one line, or `register` in a script."""
+"""Constitutive laws by the names that scenes give them: registering a law is adding one line, or
+`register` in a script.
+"""
 
-from .elastic import EhlersEipper, ElasticLaw, Harmonic, LinearElastic, NeoHookean, NeoHookeanJ2, SaintVenantKirchhoff, XieLeo
+from .elastic import (
+    EhlersEipper,
+    ElasticLaw,
+    Harmonic,
+    LinearElastic,
+    NeoHookean,
+    NeoHookeanJ2,
+    SaintVenantKirchhoff,
+    XieLeo,
+)
 from .from_energy import FromEnergy
 from .law import Registry, parameter
 from .permeability import PERMEABILITY, PermeabilityLaw
@@ -20,4 +31,12 @@ ELASTIC = Registry(
 
 MESH_MOTION = {"harmonic": Harmonic, "linear_elastic": LinearElastic, "neo_hookean": NeoHookean}
 
-__all__ = ["ELASTIC", "MESH_MOTION", "PERMEABILITY", "ElasticLaw", "FromEnergy", "PermeabilityLaw", "parameter"]
+__all__ = [
+    "ELASTIC",
+    "MESH_MOTION",
+    "PERMEABILITY",
+    "ElasticLaw",
+    "FromEnergy",
+    "PermeabilityLaw",
+    "parameter",
+]

@@ -1,7 +1,9 @@
-"""Hyperelastic skeletons: energy per reference volume, first Piola-Kirchhoff stress and its tangent.
+"""Hyperelastic skeletons: energy per reference volume, first Piola-Kirchhoff stress and its
+tangent.
 
-All take the displacement gradient H_iJ = du_i/dX_J = F_iJ - delta_iJ, (..., d, d); d = 2 is plane strain (F_33 = 1).  With H
-instead of F a strain of 1e-9 keeps its digits.  Stress in tension is positive.  Units: Pa for energy density, stress and tangent.
+All take the displacement gradient H_iJ = du_i/dX_J = F_iJ - delta_iJ, (..., d, d); d = 2 is plane
+strain (F_33 = 1).  With H instead of F a strain of 1e-9 keeps its digits.  Stress in tension is
+positive.  Units: Pa for energy density, stress and tangent.
 """
 
 from dataclasses import dataclass
@@ -9,11 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..compiled import inlined, plain, specialized, stack
-from ..tensors import det_minus_one, determinant_minus_one, invert, scaled_identity, stacked, trace, transpose
+from ..tensors import (
+    det_minus_one,
+    determinant_minus_one,
+    invert,
+    scaled_identity,
+    stacked,
+    trace,
+    transpose,
+)
 
 
 def _marking_inadmissible():
-    """Return a decorator of functions whose NaN at J <= 0, by intention, is no warning of NumPy's."""
+    """Return a decorator of functions whose NaN at J <= 0, by intention, is no warning of
+    NumPy's.
+    """
     return np.errstate(invalid="ignore", divide="ignore")
 
 
@@ -21,8 +33,9 @@ def _marking_inadmissible():
 class ElasticLaw:
     """Lamé parameters [Pa] that every law reduces to at small strain.
 
-    A new law: a subclass with `energy`, `stress` and `tangent`, its own numbers as fields by `law.parameter`, and a
-    line of `materials.ELASTIC`; one with the energy alone is a `from_energy.FromEnergy`.
+    A new law: a subclass with `energy`, `stress` and `tangent`, its own numbers as fields by
+    `law.parameter`, and a line of `materials.ELASTIC`; one with the energy alone is a
+    `from_energy.FromEnergy`.
 
     n_s0 : initial solid fraction [-]; only a law with a compaction point, `compacts`, looks at it
     """
@@ -32,7 +45,9 @@ class ElasticLaw:
     n_s0: float = 0.0
 
     small_strain = False  # true: the stress is linear in F and the tangent constant
-    compacts = False  # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
+    compacts = (
+        False  # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
+    )
 
     @property
     def oedometer_modulus(self):
@@ -42,18 +57,22 @@ class ElasticLaw:
     lowest_ratio = 0.0  # J in confined compression below which the law softens, or has no stress
 
     def confined(self, J):
-        """Return the nominal stress of F = diag(1, 1, J) along it, the shape of J [Pa]; in closed form where a law has one."""
+        """Return the nominal stress of F = diag(1, 1, J) along it, the shape of J [Pa]; in closed
+        form where a law has one.
+        """
         H = np.zeros((*np.shape(J), 3, 3))
         H[..., 2, 2] = np.subtract(J, 1)
         return self.stress(H)[..., 2, 2]
 
     def mixed_tangent(self, H, before):
-        """Return dP/dF at H with the stress that is linear from another H, of the iterate before, in its geometric part.
+        """Return dP/dF at H with the stress that is linear from another H, of the iterate before,
+        in its geometric part.
 
-        A change of displacement that keeps the volume to first order changes it in the second: at λ >> μ the stress λ (J - 1)
-        of such an iterate is of no meaning, and in the geometric stiffness it spoils the next one.  A stress that is an unknown
-        of its own and eliminated from Newton's equations is linear in the change (Magisano, Leonetti & Garcea, CMAME 313 (2017)
-        986); the residual stays that of the displacement.  Quadratic convergence is kept.
+        A change of displacement that keeps the volume to first order changes it in the second: at λ
+        >> μ the stress λ (J - 1) of such an iterate is of no meaning, and in the geometric
+        stiffness it spoils the next one.  A stress that is an unknown of its own and eliminated
+        from Newton's equations is linear in the change (Magisano, Leonetti & Garcea, CMAME 313
+        (2017) 986); the residual stays that of the displacement.  Quadratic convergence is kept.
         """
         return self.tangent(H)
 
@@ -83,7 +102,9 @@ class LinearElastic(ElasticLaw):
 
 
 class Harmonic(ElasticLaw):
-    """P = mu H: every component of the displacement is harmonic.  No material, but the simplest motion of a mesh."""
+    """P = mu H: every component of the displacement is harmonic.  No material, but the simplest
+    motion of a mesh.
+    """
 
     small_strain = True
 
@@ -94,7 +115,9 @@ class Harmonic(ElasticLaw):
     def tangent(self, H):
         """Return dP/dF = mu d_ik d_JL, (..., d, d, d, d), constant."""
         identity = np.eye(H.shape[-1])
-        return np.broadcast_to(self.mu * np.einsum("ik,JL->iJkL", identity, identity), H.shape + H.shape[-2:])
+        return np.broadcast_to(
+            self.mu * np.einsum("ik,JL->iJkL", identity, identity), H.shape + H.shape[-2:]
+        )
 
 
 class SaintVenantKirchhoff(ElasticLaw):
@@ -114,21 +137,31 @@ class SaintVenantKirchhoff(ElasticLaw):
     def stress(self, H):
         """Return P = F S, S = lambda tr(E) I + 2 mu E, (..., d, d)."""
         P = np.empty(H.shape)
-        _kirchhoff_stress_loop(H.shape[-1])(stacked(H), stacked(self._second_piola(green_strain(H))), stacked(P))
+        _kirchhoff_stress_loop(H.shape[-1])(
+            stacked(H), stacked(self._second_piola(green_strain(H))), stacked(P)
+        )
         return P
 
     def tangent(self, H):
-        """Return dP_iJ/dF_kL = delta_ik S_JL + F_iM C_MJNL F_kN, (..., d, d, d, d), C that of linear elasticity."""
+        """Return dP_iJ/dF_kL = delta_ik S_JL + F_iM C_MJNL F_kN, (..., d, d, d, d), C that of
+        linear elasticity.
+        """
         return self._tangent(H, self._second_piola(green_strain(H)))
 
     def mixed_tangent(self, H, before):
         """Do what `ElasticLaw.mixed_tangent` says, E = E_b + sym F_b^T (H - H_b)."""
-        F, change = deformation(before), H - before
-        return self._tangent(H, self._second_piola(green_strain(before) + _small_strain(transpose(F) @ change)))
+        F = deformation(before)
+        change = H - before
+        return self._tangent(
+            H, self._second_piola(green_strain(before) + _small_strain(transpose(F) @ change))
+        )
 
     def _tangent(self, H, S):
-        A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
-        _kirchhoff_tangent_loop(d)(stacked(H), stacked(S), float(self.lam), float(self.mu), A.reshape(-1, d, d, d, d))
+        A = np.empty(H.shape + H.shape[-2:])
+        d = H.shape[-1]
+        _kirchhoff_tangent_loop(d)(
+            stacked(H), stacked(S), float(self.lam), float(self.mu), A.reshape(-1, d, d, d, d)
+        )
         return A
 
     def _second_piola(self, E):
@@ -153,7 +186,9 @@ def _kirchhoff_stress_loop(d):
 
 @specialized
 def _kirchhoff_tangent_loop(d):
-    """Return the loop that writes delta_ik S_JL + lam F_iJ F_kL + mu (F_iL F_kJ + (F F^T)_ik delta_JL), (n, d, d, d, d)."""
+    """Return the loop that writes delta_ik S_JL + lam F_iJ F_kL + mu (F_iL F_kJ + (F F^T)_ik
+    delta_JL), (n, d, d, d, d).
+    """
 
     def loop(H, S, lam, mu, A):
         for p in range(len(H)):
@@ -164,8 +199,10 @@ def _kirchhoff_tangent_loop(d):
                         left += (H[p, i, M] + (i == M)) * (H[p, k, M] + (k == M))
                     for J in range(d):
                         for L in range(d):
-                            F_iJ, F_kL = H[p, i, J] + (i == J), H[p, k, L] + (k == L)
-                            F_iL, F_kJ = H[p, i, L] + (i == L), H[p, k, J] + (k == J)
+                            F_iJ = H[p, i, J] + (i == J)
+                            F_kL = H[p, k, L] + (k == L)
+                            F_iL = H[p, i, L] + (i == L)
+                            F_kJ = H[p, k, J] + (k == J)
                             value = lam * F_iJ * F_kL + mu * F_iL * F_kJ
                             if i == k:
                                 value += S[p, J, L]
@@ -178,7 +215,9 @@ def _kirchhoff_tangent_loop(d):
 
 @dataclass(frozen=True)
 class _CompressibleNeoHookean(ElasticLaw):
-    """Psi = mu/2 (I1 - 3) - mu ln J + U(J); a law gives U, J U' and J (J U')' as functions of J - 1, and U' of J."""
+    """Psi = mu/2 (I1 - 3) - mu ln J + U(J); a law gives U, J U' and J (J U')' as functions of J -
+    1, and U' of J.
+    """
 
     def confined(self, J):
         """Return mu (J - 1/J) + U'."""
@@ -193,17 +232,22 @@ class _CompressibleNeoHookean(ElasticLaw):
     def stress(self, H):
         """Return P = mu (F - F^-T) + J U' F^-T = F^-T (2 mu E + J U' I), (..., d, d)."""
         Finv, J_1 = _kinematics(H)
-        P, pull = np.empty(H.shape), plain(self._volumetric(J_1)[1])
+        P = np.empty(H.shape)
+        pull = plain(self._volumetric(J_1)[1])
         _compressible_stress_loop(H.shape[-1])(stacked(H), Finv, pull, float(self.mu), stacked(P))
         return P
 
     def tangent(self, H):
-        """Return dP_iJ/dF_kL = mu d_ik d_JL + J (J U')' Finv_Ji Finv_Lk + (mu - J U') Finv_Jk Finv_Li, (..., d, d, d, d)."""
+        """Return dP_iJ/dF_kL = mu d_ik d_JL + J (J U')' Finv_Ji Finv_Lk + (mu - J U') Finv_Jk
+        Finv_Li, (..., d, d, d, d).
+        """
         Finv, J_1 = _kinematics(H)
         return self._tangent(H, Finv, *self._volumetric(J_1)[1:])
 
     def mixed_tangent(self, H, before):
-        """Do what `ElasticLaw.mixed_tangent` says, J U' = (J U')_b + (J (J U')')_b Finv_b:(H - H_b)."""
+        """Do what `ElasticLaw.mixed_tangent` says, J U' = (J U')_b + (J (J U')')_b Finv_b:(H -
+        H_b).
+        """
         Finv, J_1 = _kinematics(before)
         _, first, second = self._volumetric(J_1)
         linear = first + second * np.einsum("pJi,piJ->p", Finv, stacked(H - before))
@@ -211,15 +255,19 @@ class _CompressibleNeoHookean(ElasticLaw):
         return self._tangent(H, Finv, linear, self._volumetric(J_1)[2])
 
     def _tangent(self, H, Finv, first, second):
-        A, d = np.empty(H.shape + H.shape[-2:]), H.shape[-1]
-        _compressible_tangent_loop(d)(Finv, plain(first), plain(second), float(self.mu), A.reshape(-1, d, d, d, d))
+        A = np.empty(H.shape + H.shape[-2:])
+        d = H.shape[-1]
+        _compressible_tangent_loop(d)(
+            Finv, plain(first), plain(second), float(self.mu), A.reshape(-1, d, d, d, d)
+        )
         return A
 
 
 def _kinematics(H):
     """Return F^-1, (n, d, d), and J - 1, (n,), of all n points of H (..., d, d)."""
     tensors = stacked(H)
-    Finv, J_1 = np.empty(tensors.shape), np.empty(len(tensors))
+    Finv = np.empty(tensors.shape)
+    J_1 = np.empty(len(tensors))
     _kinematics_loop(H.shape[-1])(tensors, Finv, J_1)
     return Finv, J_1
 
@@ -242,7 +290,9 @@ def _kinematics_loop(d):
 
 @specialized
 def _compressible_stress_loop(d):
-    """Return the loop that writes P_iJ = Finv_Ki (2 mu E_KJ + pull delta_KJ), (n, d, d), with pull = J U' (n,)."""
+    """Return the loop that writes P_iJ = Finv_Ki (2 mu E_KJ + pull delta_KJ), (n, d, d), with pull
+    = J U' (n,).
+    """
 
     def loop(H, Finv, pull, mu, P):
         S = stack((d, d))
@@ -263,7 +313,9 @@ def _compressible_stress_loop(d):
 
 @specialized
 def _compressible_tangent_loop(d):
-    """Return the loop that writes mu d_ik d_JL + second Finv_Ji Finv_Lk + (mu - first) Finv_Jk Finv_Li, (n, d, d, d, d)."""
+    """Return the loop that writes mu d_ik d_JL + second Finv_Ji Finv_Lk + (mu - first) Finv_Jk
+    Finv_Li, (n, d, d, d, d).
+    """
 
     def loop(Finv, first, second, mu, A):
         for p in range(len(A)):
@@ -271,7 +323,10 @@ def _compressible_tangent_loop(d):
                 for J in range(d):
                     for k in range(d):
                         for L in range(d):
-                            value = second[p] * Finv[p, J, i] * Finv[p, L, k] + (mu - first[p]) * Finv[p, J, k] * Finv[p, L, i]
+                            value = (
+                                second[p] * Finv[p, J, i] * Finv[p, L, k]
+                                + (mu - first[p]) * Finv[p, J, k] * Finv[p, L, i]
+                            )
                             if i == k and J == L:
                                 value += mu
                             A[p, i, J, k, L] = value
@@ -295,16 +350,22 @@ class NeoHookeanJ2(_CompressibleNeoHookean):
     """U = lambda/2 (J - 1)^2."""
 
     def _volumetric(self, J_1):
-        return self.lam / 2 * J_1**2, self.lam * J_1 * (1 + J_1), self.lam * (2 * J_1 + 1) * (1 + J_1)
+        return (
+            self.lam / 2 * J_1**2,
+            self.lam * J_1 * (1 + J_1),
+            self.lam * (2 * J_1 + 1) * (1 + J_1),
+        )
 
     def _pressure(self, J):
         return self.lam * (J - 1)
 
 
 class XieLeo(_CompressibleNeoHookean):
-    """U = E_c (J ln J - J + 1) - mu/2 (J^2 - 1) + mu ln J: in confined compression Psi = E_c (J ln J - J + 1), P = E_c ln J.
+    """U = E_c (J ln J - J + 1) - mu/2 (J^2 - 1) + mu ln J: in confined compression Psi = E_c (J ln
+    J - J + 1), P = E_c ln J.
 
-    The law of the exact consolidation of Xie & Leo (2004), 1/m = E_c; for compression (U falls at J far above 1).
+    The law of the exact consolidation of Xie & Leo (2004), 1/m = E_c; for compression (U falls at J
+    far above 1).
     """
 
     def confined(self, J):
@@ -313,14 +374,18 @@ class XieLeo(_CompressibleNeoHookean):
 
     @_marking_inadmissible()
     def _volumetric(self, J_1):
-        J, lnJ, E_c = 1 + J_1, np.log1p(J_1), self.oedometer_modulus
+        J = 1 + J_1
+        lnJ = np.log1p(J_1)
+        E_c = self.oedometer_modulus
         square = J_1 * (2 + J_1)
         U = E_c * (J * lnJ - J_1) - self.mu / 2 * square + self.mu * lnJ
         return U, E_c * J * lnJ - self.mu * square, E_c * J * (lnJ + 1) - 2 * self.mu * J**2
 
 
 class EhlersEipper(_CompressibleNeoHookean):
-    """J U' = lambda (1 - n)^2 [J/(1 - n) - J/(J - n)], n = n_s0 (Ehlers & Eipper 1999); infinite at the compaction point n."""
+    """J U' = lambda (1 - n)^2 [J/(1 - n) - J/(J - n)], n = n_s0 (Ehlers & Eipper 1999); infinite at
+    the compaction point n.
+    """
 
     compacts = True
 
@@ -334,7 +399,8 @@ class EhlersEipper(_CompressibleNeoHookean):
 
     @_marking_inadmissible()
     def _volumetric(self, J_1):
-        n, J = self.n_s0, 1 + J_1
+        n = self.n_s0
+        J = 1 + J_1
         open_fraction = 1 - n
         pore = np.where(J > n, open_fraction + J_1, np.nan)
         U = self.lam * open_fraction**2 * (J_1 / open_fraction - np.log(pore / open_fraction))
@@ -384,5 +450,7 @@ def _isotropic(lam, mu, dim):
     """Return lambda d_iJ d_kL + mu (d_ik d_JL + d_iL d_Jk), (d, d, d, d)."""
     identity = np.eye(dim)
     volumetric = np.einsum("iJ,kL->iJkL", identity, identity)
-    symmetric = np.einsum("ik,JL->iJkL", identity, identity) + np.einsum("iL,Jk->iJkL", identity, identity)
+    symmetric = np.einsum("ik,JL->iJkL", identity, identity) + np.einsum(
+        "iL,Jk->iJkL", identity, identity
+    )
     return lam * volumetric + mu * symmetric

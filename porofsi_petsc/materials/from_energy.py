@@ -1,4 +1,6 @@
-"""Laws that give their energy alone; stress and tangent follow by differentiation with complex numbers."""
+"""Laws that give their energy alone; stress and tangent follow by differentiation with complex
+numbers.
+"""
 
 from dataclasses import dataclass
 
@@ -6,22 +8,28 @@ import numpy as np
 
 from .elastic import ElasticLaw
 
-STRESS_STEP = 1e-30  # of a complex step, whose error vanishes with it (Squire & Trapp, SIAM Rev. 40 (1998) 110)
-# Of the central difference of complex steps, relative to strains of order one: its truncation is of order step², its round-off
-# that of the stress over the step; together below 1e-10 of the tangent, which a Newton iteration does not see.
+# of a complex step, whose error vanishes with it (Squire & Trapp, SIAM Rev. 40 (1998) 110)
+STRESS_STEP = 1e-30
+# Of the central difference of complex steps, relative to strains of order one: its truncation is of
+# order step², its round-off that of the stress over the step; together below 1e-10 of the tangent,
+# which a Newton iteration does not see.
 TANGENT_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class FromEnergy(ElasticLaw):
-    """An elastic law by its energy; a subclass has `energy`, written with operations of NumPy that take complex numbers.
+    """An elastic law by its energy; a subclass has `energy`, written with operations of NumPy that
+    take complex numbers.
 
-    The stress is exact to round-off.  In three dimensions the energy is evaluated 9 times for the stress of a point and 90 times
-    for its tangent: laws written by hand are some ten times as fast (docs/python.md).
+    The stress is exact to round-off.  In three dimensions the energy is evaluated 9 times for the
+    stress of a point and 90 times for its tangent: laws written by hand are some ten times as fast
+    (docs/python.md).
     """
 
     def energy(self, H: np.ndarray) -> np.ndarray:
-        """Return Psi, (...), of displacement gradients (..., d, d), real or complex; d = 2 is plane strain."""
+        """Return Psi, (...), of displacement gradients (..., d, d), real or complex; d = 2 is plane
+        strain.
+        """
         raise NotImplementedError
 
     def stress(self, H: np.ndarray) -> np.ndarray:
@@ -32,7 +40,9 @@ class FromEnergy(ElasticLaw):
         return P
 
     def tangent(self, H: np.ndarray) -> np.ndarray:
-        """Return dP_iJ/dF_kL by central differences of the complex steps, (..., d, d, d, d), made symmetric by its making."""
+        """Return dP_iJ/dF_kL by central differences of the complex steps, (..., d, d, d, d), made
+        symmetric by its making.
+        """
         d = H.shape[-1]
         A = np.empty(H.shape + (d, d))
         pairs = list(np.ndindex(d, d))
@@ -40,7 +50,9 @@ class FromEnergy(ElasticLaw):
             step = np.zeros((d, d))
             step[k, L] = TANGENT_STEP
             for i, J in pairs[: column + 1]:
-                slope = (self._slope(H + step, i, J) - self._slope(H - step, i, J)) / (2 * TANGENT_STEP)
+                slope = (self._slope(H + step, i, J) - self._slope(H - step, i, J)) / (
+                    2 * TANGENT_STEP
+                )
                 A[..., i, J, k, L] = slope
                 A[..., k, L, i, J] = slope
         return A
@@ -53,9 +65,11 @@ class FromEnergy(ElasticLaw):
 
 
 def invariants(H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return I1 - 3 and I2 - 3 of C = FᵀF, and J - 1, each (...), of H = F - I (..., d, d); d = 2 is plane strain.
+    """Return I1 - 3 and I2 - 3 of C = FᵀF, and J - 1, each (...), of H = F - I (..., d, d); d = 2
+    is plane strain.
 
-    Real or complex; a small strain keeps its digits: I1 - 3 = 2 tr E, I2 - 3 = 4 tr E + 2 ((tr E)² - tr E²).
+    Real or complex; a small strain keeps its digits: I1 - 3 = 2 tr E, I2 - 3 = 4 tr E + 2 ((tr E)²
+    - tr E²).
     """
     E = (H + np.swapaxes(H, -1, -2) + np.swapaxes(H, -1, -2) @ H) / 2
     first = np.trace(E, axis1=-2, axis2=-1)

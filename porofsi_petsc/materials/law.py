@@ -1,4 +1,6 @@
-"""What a constitutive law is to the rest of the package: its parameters in a scene, and its name in a registry."""
+"""What a constitutive law is to the rest of the package: its parameters in a scene, and its name in
+a registry.
+"""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
@@ -29,7 +31,8 @@ def parameter(
     at_most: float | None = None,
     default: float | None = None,
 ) -> Any:
-    """Return the field of a law's dataclass that a scene gives under the same name; see `Parameter`.
+    """Return the field of a law's dataclass that a scene gives under the same name; see
+    `Parameter`.
 
     example : an admissible value, with which the tests of all laws run.
     """
@@ -41,7 +44,9 @@ def parameter(
 def parameters(law: type) -> dict[str, Parameter]:
     """Return the parameters that a law has beside those of all laws, by the key of the scene."""
     fields = dataclasses.fields(law)
-    return {field.name: field.metadata["parameter"] for field in fields if "parameter" in field.metadata}
+    return {
+        field.name: field.metadata["parameter"] for field in fields if "parameter" in field.metadata
+    }
 
 
 def examples(law: type) -> dict[str, float]:
@@ -50,13 +55,16 @@ def examples(law: type) -> dict[str, float]:
 
 
 class Registry(Mapping):
-    """Name in a scene -> law.  Packages add theirs by entry points of the group, scripts by `register`.
+    """Name in a scene -> law.  Packages add theirs by entry points of the group, scripts by
+    `register`.
 
     changed : called after a law has come
     """
 
     def __init__(self, kind: str, group: str, laws: Mapping[str, type]):
-        """Take what its laws are called in messages, the group of entry points, and the laws of this package."""
+        """Take what its laws are called in messages, the group of entry points, and the laws of
+        this package.
+        """
         self._kind = kind
         self._group = group
         self._laws = dict(laws)
@@ -64,7 +72,9 @@ class Registry(Mapping):
         self.changed: list[Callable[[], None]] = []
 
     def register(self, name: str) -> Callable[[type], type]:
-        """Return the decorator that adds a law under a name; ValueError where the name is taken by another."""
+        """Return the decorator that adds a law under a name; ValueError where the name is taken by
+        another.
+        """
 
         def add(law: type) -> type:
             self._add(name, law)
@@ -76,8 +86,14 @@ class Registry(Mapping):
 
     def _add(self, name, law):
         known = self._laws.get(name)
-        if known is not None and (known.__module__, known.__qualname__) != (law.__module__, law.__qualname__):
-            raise ValueError(f"{self._kind} '{name}': the name has {known.__qualname__} of {known.__module__}, take another")
+        if known is not None and (known.__module__, known.__qualname__) != (
+            law.__module__,
+            law.__qualname__,
+        ):
+            raise ValueError(
+                f"{self._kind} '{name}': the name has {known.__qualname__} of {known.__module__},"
+                " take another"
+            )
         self._laws[name] = law
 
     @property

@@ -1,7 +1,9 @@
-"""Permeability laws: the factor k/k0 as a function of the volume ratio J and the initial solid fraction n_s0.
+"""Permeability laws: the factor k/k0 as a function of the volume ratio J and the initial solid
+fraction n_s0.
 
-The factor multiplies the Darcy coefficient k_f [m/s] or the intrinsic permeability K [m^2] alike.  J > n_s0 is the caller's
-duty (the pores are still open).  J may be complex: the derivative of the drag is taken by a complex step.
+The factor multiplies the Darcy coefficient k_f [m/s] or the intrinsic permeability K [m^2] alike.
+J > n_s0 is the caller's duty (the pores are still open).  J may be complex: the derivative of the
+drag is taken by a complex step.
 """
 
 from dataclasses import dataclass
@@ -13,7 +15,9 @@ from .law import Registry, parameter
 
 @dataclass(frozen=True)
 class PermeabilityLaw:
-    """What every law has.  A new one: a subclass with `factor`, its parameters, and a line of the registry."""
+    """What every law has.  A new one: a subclass with `factor`, its parameters, and a line of the
+    registry.
+    """
 
     closes = False  # true: the law has a meaning for J > n_s0 only, while pores are open
 

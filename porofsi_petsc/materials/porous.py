@@ -1,6 +1,7 @@
 """One saturated porous material: what the kernels need of a point, from its volume ratio J.
 
-Its limits are a free fluid (n_s = 0, no drag) and a solid without pores (n_s = 1), which the same two phases solve.
+Its limits are a free fluid (n_s = 0, no drag) and a solid without pores (n_s = 1), which the same
+two phases solve.
 """
 
 from dataclasses import dataclass, replace
@@ -33,7 +34,8 @@ class PorousMaterial:
     def free_fluid(cls, rho, viscosity, drag0=0.0):
         """Return a fluid without a skeleton of its own; rho [kg/m^3], viscosity [Pa s].
 
-        drag0 : γ_fR/k_f [N s/m^4] of a porous solid that it flows through with its volume-averaged velocity, 0 outside of it
+        drag0 : γ_fR/k_f [N s/m^4] of a porous solid that it flows through with its volume-averaged
+        velocity, 0 outside of it
         """
         return cls(None, 0.0, 0.0, rho, drag0, viscosity=viscosity)
 
@@ -49,17 +51,24 @@ class PorousMaterial:
 
     @property
     def immersed(self):
-        """Return the skeleton for a free fluid that flows through it, of which it feels the drag γ_fR/k_f (v - v_s) alone."""
+        """Return the skeleton for a free fluid that flows through it, of which it feels the drag
+        γ_fR/k_f (v - v_s) alone.
+        """
         return replace(self, drag0=self.drag0 / (1 - self.n_s0) ** 2) if self.n_s0 < 1 else self
 
     @property
     def pore_fluid(self):
-        """Return the fluid in the pores of `immersed`: a free one with the volume-averaged velocity and the drag.
+        """Return the fluid in the pores of `immersed`: a free one with the volume-averaged velocity
+        and the drag.
 
-        With ρ = n_f ρ_fR the whole has the density of the mixture where the fluid moves with the skeleton.
+        With ρ = n_f ρ_fR the whole has the density of the mixture where the fluid moves with the
+        skeleton.
         """
         n_f = 1 - self.n_s0
-        return replace(self.free_fluid(n_f * self.rho_fR, self.viscosity, self.drag0), permeability=self.permeability)
+        return replace(
+            self.free_fluid(n_f * self.rho_fR, self.viscosity, self.drag0),
+            permeability=self.permeability,
+        )
 
     def fluid_fraction(self, J):
         """Return n_f, the shape of J."""
@@ -72,7 +81,9 @@ class PorousMaterial:
         return self.n_s0 / J if self.variable_porosity else np.zeros(J.shape)
 
     def fluid_fraction_gradient(self, J, second):
-        """Return ∇n_f = J dn_f/dJ ∇ ln J, (E, Q, d) [1/m], at J (E, Q) and `fem.geometry.SecondDerivatives`."""
+        """Return ∇n_f = J dn_f/dJ ∇ ln J, (E, Q, d) [1/m], at J (E, Q) and
+        `fem.geometry.SecondDerivatives`.
+        """
         if not self.variable_porosity:
             return np.broadcast_to(0.0, (*J.shape, second.G.shape[-1]))
         return self.fluid_fraction_slope(J)[..., None] * second.volume_gradient
@@ -82,11 +93,15 @@ class PorousMaterial:
         return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability.factor(J, self.n_s0)
 
     def volume_derivatives(self, J):
-        """Return J dn_f/dJ and J dS/dJ, the shape of J, the latter by a complex step exact to round-off (Squire & Trapp 1998)."""
+        """Return J dn_f/dJ and J dS/dJ, the shape of J, the latter by a complex step exact to
+        round-off (Squire & Trapp 1998).
+        """
         return self.fluid_fraction_slope(J), np.imag(self.drag(J * (1 + 1e-30j))) / 1e-30
 
     def open_pores(self, J):
-        """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when nothing depends on it."""
+        """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when
+        nothing depends on it.
+        """
         compacts = self.elastic and self.elastic.compacts
         if self.variable_porosity or self.permeability.closes or compacts:
             return self.n_s0 < J
@@ -94,5 +109,7 @@ class PorousMaterial:
 
     @property
     def rho_s(self):
-        """Return the skeleton's partial density in the reference configuration, n_s0 ρ_sR [kg/m^3]."""
+        """Return the skeleton's partial density in the reference configuration, n_s0 ρ_sR
+        [kg/m^3].
+        """
         return self.n_s0 * self.rho_sR

@@ -9,7 +9,8 @@ from ..elements.quadrature import quadrature
 from ..errors import InputError, listed
 from .topology import facet_multiplicity, locate_facets
 
-# det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under any graded mesh, over round-off
+# det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under
+# any graded mesh, over round-off
 DEGENERATE = 1e-12
 JACOBIAN_CHUNK = 20000
 
@@ -32,7 +33,9 @@ def require_regions(mesh, names, where):
 def _require_names(names, available, where, kind):
     for name in names:
         if name not in available:
-            raise InputError(f"{where}: the mesh has no {kind} '{name}'; choose from {listed(sorted(available))}")
+            raise InputError(
+                f"{where}: the mesh has no {kind} '{name}'; choose from {listed(sorted(available))}"
+            )
 
 
 def require_file(path):
@@ -41,7 +44,9 @@ def require_file(path):
         raise InputError(f"{path}: no such mesh file; check mesh.path in the scene")
     if not path.is_file():
         kind = "a directory" if path.is_dir() else "a device or pipe"
-        raise InputError(f"{path}: received {kind}, expected a mesh file; check mesh.path in the scene")
+        raise InputError(
+            f"{path}: received {kind}, expected a mesh file; check mesh.path in the scene"
+        )
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the mesh file is empty (0 bytes); write the mesh again")
     if not os.access(path, os.R_OK):
@@ -49,27 +54,51 @@ def require_file(path):
 
 
 def require_arrays(points, cells, dim, where):
-    """Raise InputError unless points are (N, >= dim) and the cells of every block (E, A), as a file that is whole gives them."""
-    whole = np.ndim(points) == 2 and np.shape(points)[1] >= dim and all(np.ndim(block) == 2 for block in cells)
+    """Raise InputError unless points are (N, >= dim) and the cells of every block (E, A), as a file
+    that is whole gives them.
+    """
+    whole = (
+        np.ndim(points) == 2
+        and np.shape(points)[1] >= dim
+        and all(np.ndim(block) == 2 for block in cells)
+    )
     if not whole:
-        raise InputError(f"{where}: the mesh file gives no {dim} coordinates for every node; write the mesh again")
+        raise InputError(
+            f"{where}: the mesh file gives no {dim} coordinates for every node; write the mesh"
+            " again"
+        )
 
 
 def volume_element(blocks, dim, where):
-    """Return the element of the cells of the highest dimension, which must be dim; blocks: pairs (meshio name, dimension)."""
+    """Return the element of the cells of the highest dimension, which must be dim; blocks: pairs
+    (meshio name, dimension).
+    """
     if not blocks:
-        raise InputError(f"{where}: the mesh file has no cells; write the mesh again with its elements")
+        raise InputError(
+            f"{where}: the mesh file has no cells; write the mesh again with its elements"
+        )
     highest = max(block_dim for _, block_dim in blocks)
     kinds = sorted({kind for kind, block_dim in blocks if block_dim == highest})
     if highest != dim:
-        raise InputError(f"{where}: the scene is {dim}-D but the mesh {highest}-D ({', '.join(kinds)}); give one of {dim}-D")
-    supported = {element.meshio_name: element for element in ELEMENTS.values() if element.dim == dim}
+        raise InputError(
+            f"{where}: the scene is {dim}-D but the mesh {highest}-D ({', '.join(kinds)}); give one"
+            f" of {dim}-D"
+        )
+    supported = {
+        element.meshio_name: element for element in ELEMENTS.values() if element.dim == dim
+    }
     unsupported = [kind for kind in kinds if kind not in supported]
     if unsupported:
         choices = " or ".join(supported)
-        raise InputError(f"{where}: unsupported cells of kind {', '.join(unsupported)}; mesh the domain with {choices}")
+        raise InputError(
+            f"{where}: unsupported cells of kind {', '.join(unsupported)}; mesh the domain with"
+            f" {choices}"
+        )
     if len(kinds) > 1:
-        raise InputError(f"{where}: mixed cells of kinds {', '.join(kinds)}; mesh the whole domain with one of them")
+        raise InputError(
+            f"{where}: mixed cells of kinds {', '.join(kinds)}; mesh the whole domain with one of"
+            " them"
+        )
     return supported[kinds[0]]
 
 
@@ -77,16 +106,24 @@ def plane_points(points, dim, where):
     """Return the points, (N, dim), without the constant z coordinate of a plane mesh."""
     if not np.isfinite(points).all():
         first = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
-        raise InputError(f"{where}: node {first} (counted from 0) has the coordinates {place(points[first])}; write finite ones")
+        raise InputError(
+            f"{where}: node {first} (counted from 0) has the coordinates {place(points[first])};"
+            " write finite ones"
+        )
     extra = points[:, dim:]
     if extra.size and np.ptp(extra) > 1e-9 * max(np.ptp(points, axis=0)):
         span = f"{extra.min():g} to {extra.max():g} m"
-        raise InputError(f"{where}: the z coordinates of the 2-D mesh vary from {span}; put it into a plane z = constant")
+        raise InputError(
+            f"{where}: the z coordinates of the 2-D mesh vary from {span}; put it into a plane z ="
+            " constant"
+        )
     return np.ascontiguousarray(points[:, :dim], dtype=float)
 
 
 def oriented(points, cells, element, where):
-    """Return the cells with vertices 1 and 2 (and the mid-edge nodes) swapped where the determinant of the edges is negative."""
+    """Return the cells with vertices 1 and 2 (and the mid-edge nodes) swapped where the determinant
+    of the edges is negative.
+    """
     edges = points[cells[:, 1 : element.dim + 1]] - points[cells[:, :1]]
     det = np.linalg.det(edges)
     size = np.sqrt((edges**2).sum(axis=2).max(axis=1)) ** element.dim
@@ -94,7 +131,10 @@ def oriented(points, cells, element, where):
     if len(degenerate):
         e = degenerate[0]
         corners = ", ".join(place(x) for x in points[cells[e, : element.dim + 1]])
-        raise InputError(f"{where}: cell {e} (counted from 0) is degenerate, its vertices are {corners}; repair the mesh")
+        raise InputError(
+            f"{where}: cell {e} (counted from 0) is degenerate, its vertices are {corners}; repair"
+            " the mesh"
+        )
     return np.where(det[:, None] < 0, cells[:, _mirror(element)], cells)
 
 
@@ -104,7 +144,9 @@ def _mirror(element):
     if element.order == 1:
         return vertex
     edges = [set(edge) for edge in element.edges]
-    return vertex + [element.dim + 1 + edges.index({vertex[a], vertex[b]}) for a, b in element.edges]
+    return vertex + [
+        element.dim + 1 + edges.index({vertex[a], vertex[b]}) for a, b in element.edges
+    ]
 
 
 def require_positive_jacobian(points, cells, element, where):
@@ -121,16 +163,21 @@ def require_positive_jacobian(points, cells, element, where):
             e, q = bad[0]
             at = place(element.shape(xi[q : q + 1])[0] @ X[e])
             raise InputError(
-                f"{where}: the curved cell {start + e} (counted from 0) is folded, its Jacobian is {det[e, q]:.3g} at {at};"
-                " refine the mesh there or straighten the curved edge"
+                f"{where}: the curved cell {start + e} (counted from 0) is folded, its Jacobian is"
+                f" {det[e, q]:.3g} at {at}; refine the mesh there or straighten the curved edge"
             )
 
 
 def require_known_nodes(points, cells, where, what="cell"):
-    """Raise InputError when a cell, or what else has a row of nodes, has one that the file does not list."""
+    """Raise InputError when a cell, or what else has a row of nodes, has one that the file does not
+    list.
+    """
     unknown = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
     if len(unknown):
-        raise InputError(f"{where}: {what} {unknown[0]} (counted from 0) has a node missing in the file; write the mesh again")
+        raise InputError(
+            f"{where}: {what} {unknown[0]} (counted from 0) has a node missing in the file; write"
+            " the mesh again"
+        )
 
 
 def require_no_orphans(points, cells, where):
@@ -140,7 +187,9 @@ def require_no_orphans(points, cells, where):
     orphans = np.flatnonzero(~used)
     if len(orphans):
         first = f"node {orphans[0]} (counted from 0) at {place(points[orphans[0]])}"
-        raise InputError(f"{where}: {len(orphans)} nodes belong to no cell, the first is {first}; remove them")
+        raise InputError(
+            f"{where}: {len(orphans)} nodes belong to no cell, the first is {first}; remove them"
+        )
 
 
 def require_regions_of_cells(points, cells, cell_region, where):
@@ -149,20 +198,27 @@ def require_regions_of_cells(points, cells, cell_region, where):
     if len(bare):
         at = place(points[cells[bare[0]]].mean(axis=0))
         raise InputError(
-            f"{where}: {len(bare)} of {len(cells)} cells have no named physical group, the first is cell {bare[0]}"
-            f" (counted from 0) at {at}; put every cell into a named physical group"
+            f"{where}: {len(bare)} of {len(cells)} cells have no named physical group, the first is"
+            f" cell {bare[0]} (counted from 0) at {at}; put every cell into a named physical group"
         )
 
 
 def require_manifold(points, cells, element, group, where):
-    """Raise InputError for a facet of three cells; group : number of each facet, (E, facets of a cell)."""
+    """Raise InputError for a facet of three cells; group : number of each facet, (E, facets of a
+    cell).
+    """
     what = "facets are shared by more than two cells, the first at {}; remove the doubled cells"
     _require_none((np.bincount(group.ravel()) > 2)[group], what, points, cells, element, where)
 
 
 def require_tagged_boundary(points, cells, element, group, tagged, where):
-    """Raise InputError for a boundary facet without a tag; group, tagged (bool) : (E, facets of a cell)."""
-    what = "boundary facets have no tag, the first at {}; put every boundary facet into a named physical group"
+    """Raise InputError for a boundary facet without a tag; group, tagged (bool) : (E, facets of a
+    cell).
+    """
+    what = (
+        "boundary facets have no tag, the first at {}; put every boundary facet into a named"
+        " physical group"
+    )
     untagged = (np.bincount(group.ravel()) == 1)[group] & ~tagged
     _require_none(untagged, what, points, cells, element, where)
 
@@ -177,13 +233,22 @@ def _require_none(wrong, what, points, cells, element, where):
 def boundary_tags(mesh):
     """Return the tags that lie on the boundary of the mesh, at least with one facet."""
     multiplicity = facet_multiplicity(mesh.cells, mesh.element)
-    places = {tag: locate_facets(nodes, mesh.cells, mesh.element) for tag, nodes in mesh.facets.items()}
-    return [tag for tag, cell_and_local in places.items() if (multiplicity[cell_and_local] == 1).any()]
+    places = {
+        tag: locate_facets(nodes, mesh.cells, mesh.element) for tag, nodes in mesh.facets.items()
+    }
+    return [
+        tag for tag, cell_and_local in places.items() if (multiplicity[cell_and_local] == 1).any()
+    ]
 
 
 def require_every_tag(tags, used, where):
     """Raise InputError when a boundary tag of the mesh has no [[boundary]] entry."""
     for tag in tags:
         if tag not in used:
-            advice = f"add an entry with on = '{tag}' (with nothing else it is free of traction and impermeable)"
-            raise InputError(f"{where} [[boundary]]: the boundary '{tag}' of the mesh has no entry; {advice}")
+            advice = (
+                f"add an entry with on = '{tag}' (with nothing else it is free of traction and"
+                " impermeable)"
+            )
+            raise InputError(
+                f"{where} [[boundary]]: the boundary '{tag}' of the mesh has no entry; {advice}"
+            )

@@ -16,7 +16,14 @@ AXES = "xyz"
 # name of a side -> (axis, end), end 0 the lower and -1 the upper limit of the axis
 SIDES = {
     2: {"left": (0, 0), "right": (0, -1), "bottom": (1, 0), "top": (1, -1)},
-    3: {"left": (0, 0), "right": (0, -1), "front": (1, 0), "back": (1, -1), "bottom": (2, 0), "top": (2, -1)},
+    3: {
+        "left": (0, 0),
+        "right": (0, -1),
+        "front": (1, 0),
+        "back": (1, -1),
+        "bottom": (2, 0),
+        "top": (2, -1),
+    },
 }
 DEFAULT_REGION = "body"
 FINEST = 1e-9  # smallest cell over the largest coordinate: its size has six digits or more
@@ -25,19 +32,24 @@ FINEST = 1e-9  # smallest cell over the largest coordinate: its size has six dig
 def rectangle(x, y, order=1, diagonal="right", patches=(), regions=()):
     """Return a mesh of triangles, T3 or T6, on a graded grid.
 
-    x, y : points (breakpoints [m]), cells (number per segment), ratios (last to first cell of each segment, or None).
-    diagonal : "right" (lower left to upper right), "left" or "alternating".  Sides: left, right, bottom, top.
+    x, y : points (breakpoints [m]), cells (number per segment), ratios (last to first cell of each
+    segment, or None).
+    diagonal : "right" (lower left to upper right), "left" or "alternating".  Sides: left, right,
+    bottom, top.
     patches : name, side, x, y (intervals or None) carved out of a side; regions : name, x, y.
-    Raises InputError for limits off the mesh lines, for overlaps, for flat cells, and for more of them than fit into memory.
+    Raises InputError for limits off the mesh lines, for overlaps, for flat cells, and for more of
+    them than fit into memory.
     """
     lines = _grid((x, y))
     return _tagged(lines, _triangles(lines, diagonal), order, patches, regions)
 
 
 def box(x, y, z, order=1, patches=(), regions=()):
-    """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision); arguments as in `rectangle`.
+    """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision); arguments as
+    in `rectangle`.
 
-    Sides: left, right (x), front, back (y), bottom, top (z).  Raises InputError as `rectangle` does.
+    Sides: left, right (x), front, back (y), bottom, top (z).  Raises InputError as `rectangle`
+    does.
     """
     lines = _grid((x, y, z))
     return _tagged(lines, _tetrahedra(lines), order, patches, regions)
@@ -51,19 +63,30 @@ def _grid(axes):
     for name, line, size in zip(AXES, lines, sizes, strict=False):
         reach = np.abs(line).max()
         if size.min() < FINEST * reach:
-            text = f"the smallest cell, {size.min():.3g} m, is lost beside coordinates of {reach:.3g} m"
-            raise InputError(f"[mesh.{name}]: {text}; expected {FINEST:g} of them at least: change points, cells or ratios")
+            text = (
+                f"the smallest cell, {size.min():.3g} m, is lost beside coordinates of"
+                f" {reach:.3g} m"
+            )
+            raise InputError(
+                f"[mesh.{name}]: {text}; expected {FINEST:g} of them at least: change points, cells"
+                " or ratios"
+            )
     smallest, largest = ([reduce(size) for size in sizes] for reduce in (np.min, np.max))
     for i, longest in enumerate(largest):
         flat = prod(short / longest for j, short in enumerate(smallest) if j != i)
         if flat <= DEGENERATE:
-            text = f"cells of {longest:.3g} m along {AXES[i]} and {min(smallest):.3g} m across are degenerate"
+            text = (
+                f"cells of {longest:.3g} m along {AXES[i]} and {min(smallest):.3g} m across are"
+                " degenerate"
+            )
             raise InputError(f"[mesh]: {text}; change points, cells or ratios")
     return lines
 
 
 def grid_lines(axis):
-    """Return the mesh lines of an axis [m], geometric in each segment: h_i = h_0 r^(i / (n - 1)), r = h_(n-1) / h_0."""
+    """Return the mesh lines of an axis [m], geometric in each segment: h_i = h_0 r^(i / (n - 1)), r
+    = h_(n-1) / h_0.
+    """
     ratios = axis.ratios or [1.0] * len(axis.cells)
     segments = zip(axis.points[:-1], axis.points[1:], axis.cells, ratios, strict=True)
     return np.concatenate([[axis.points[0]]] + [_segment(*segment) for segment in segments])
@@ -77,11 +100,16 @@ def _segment(start, end, n, ratio):
 
 
 def _corners(lines):
-    """Return the nodes at the corners of the grid cells: dict (i, j[, k]) in {0, 1}^d -> (cells,), x running fastest."""
+    """Return the nodes at the corners of the grid cells: dict (i, j[, k]) in {0, 1}^d -> (cells,),
+    x running fastest.
+    """
     shape = [len(line) for line in lines[::-1]]
     nodes = np.arange(np.prod(shape)).reshape(shape)
     window = {0: slice(None, -1), 1: slice(1, None)}
-    return {c: nodes[tuple(window[i] for i in c[::-1])].ravel() for c in product((0, 1), repeat=len(lines))}
+    return {
+        c: nodes[tuple(window[i] for i in c[::-1])].ravel()
+        for c in product((0, 1), repeat=len(lines))
+    }
 
 
 def _triangles(lines, diagonal):
@@ -90,7 +118,9 @@ def _triangles(lines, diagonal):
     right = np.stack([a, b, c, a, c, d], axis=1)
     left = np.stack([a, b, d, b, c, d], axis=1)
     j, i = np.divmod(np.arange(len(a)), len(lines[0]) - 1)
-    to_the_left = {"right": np.zeros_like(i), "left": np.ones_like(i), "alternating": (i + j) % 2}[diagonal]
+    to_the_left = {"right": np.zeros_like(i), "left": np.ones_like(i), "alternating": (i + j) % 2}[
+        diagonal
+    ]
     return np.where(to_the_left[:, None] == 1, left, right).reshape(-1, 3)
 
 
@@ -108,7 +138,9 @@ def _tetrahedra(lines):
 
 def _tagged(lines, cells, order, patches, regions):
     dim = len(lines)
-    points = np.stack([grid.ravel() for grid in np.meshgrid(*lines[::-1], indexing="ij")[::-1]], axis=1)
+    points = np.stack(
+        [grid.ravel() for grid in np.meshgrid(*lines[::-1], indexing="ij")[::-1]], axis=1
+    )
     names, cell_region = _cell_regions(points[cells].mean(axis=1), lines, regions)
     linear = ELEMENTS["T3" if dim == 2 else "T4"]
     cell, local = boundary_facets(cells, linear)
@@ -124,7 +156,8 @@ def _tagged(lines, cells, order, patches, regions):
 
 def _cell_regions(centres, lines, regions):
     """Return the names of the regions that have cells and the index of each cell's region."""
-    names, index = [DEFAULT_REGION], np.zeros(len(centres), dtype=np.int64)
+    names = [DEFAULT_REGION]
+    index = np.zeros(len(centres), dtype=np.int64)
     taken = np.zeros(len(centres), dtype=bool)
     for region in regions:
         where = f"mesh.regions '{region.name}'"
@@ -139,14 +172,22 @@ def _cell_regions(centres, lines, regions):
 
 def _facet_tags(vertices, lines, patches):
     """Return for every tag which boundary facets, of the vertices (F, d, d), carry it."""
-    centres, dim = vertices.mean(axis=1), len(lines)
-    sides = {side: np.all(vertices[:, :, axis] == lines[axis][end], axis=1) for side, (axis, end) in SIDES[dim].items()}
-    tags, taken = {}, np.zeros(len(centres), dtype=bool)
+    centres = vertices.mean(axis=1)
+    dim = len(lines)
+    sides = {
+        side: np.all(vertices[:, :, axis] == lines[axis][end], axis=1)
+        for side, (axis, end) in SIDES[dim].items()
+    }
+    tags = {}
+    taken = np.zeros(len(centres), dtype=bool)
     for patch in patches:
         where = f"mesh.patches '{patch.name}'"
         normal = SIDES[dim][patch.side][0]
         if getattr(patch, AXES[normal], None) is not None:
-            raise InputError(f"{where}: an interval of {AXES[normal]} has no meaning on the side '{patch.side}'; remove it")
+            raise InputError(
+                f"{where}: an interval of {AXES[normal]} has no meaning on the side '{patch.side}';"
+                " remove it"
+            )
         tangential = [axis for axis in range(dim) if axis != normal]
         inside = sides[patch.side] & _inside(centres, lines, patch, tangential, where)
         _refuse_overlap(inside, taken, centres, where, "facets of another patch")
@@ -155,7 +196,9 @@ def _facet_tags(vertices, lines, patches):
 
 
 def _inside(centres, lines, part, axes, where):
-    """Return which centres, (n, d), lie in the intervals of the part along the axes; at least one must."""
+    """Return which centres, (n, d), lie in the intervals of the part along the axes; at least one
+    must.
+    """
     inside = np.ones(len(centres), dtype=bool)
     for axis in axes:
         interval = getattr(part, AXES[axis], None)
@@ -164,7 +207,8 @@ def _inside(centres, lines, part, axes, where):
             low, high = (_on_line(limit, lines[axis], place) for limit in interval)
             if low >= high:
                 raise InputError(
-                    f"{place}: the interval [{digits(interval[0])}, {digits(interval[1])}] m is empty; give [from, to]"
+                    f"{place}: the interval [{digits(interval[0])}, {digits(interval[1])}] m is"
+                    " empty; give [from, to]"
                 )
             inside &= (centres[:, axis] > low) & (centres[:, axis] < high)
     return inside
@@ -183,5 +227,8 @@ def _refuse_overlap(inside, taken, centres, where, what):
     twice = np.flatnonzero(inside & taken)
     if len(twice):
         place = ", ".join(f"{c:g}" for c in centres[twice[0]])
-        raise InputError(f"{where}: contains {len(twice)} {what}, the first at ({place}) m; let the intervals not overlap")
+        raise InputError(
+            f"{where}: contains {len(twice)} {what}, the first at ({place}) m; let the intervals"
+            " not overlap"
+        )
     taken |= inside

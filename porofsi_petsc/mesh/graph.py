@@ -4,9 +4,18 @@ import numpy as np
 
 
 def node_graph(cells, n_nodes):
-    """Return the adjacency of the nodes in CSR form without the diagonal: indptr (N + 1,), indices sorted in each row."""
+    """Return the adjacency of the nodes in CSR form without the diagonal: indptr (N + 1,), indices
+    sorted in each row.
+    """
     low, high = np.triu_indices(cells.shape[1], k=1)
-    pairs = np.unique(np.concatenate([_unique_pairs(cells[:, a], cells[:, b], n_nodes) for a, b in zip(low, high, strict=True)]))
+    pairs = np.unique(
+        np.concatenate(
+            [
+                _unique_pairs(cells[:, a], cells[:, b], n_nodes)
+                for a, b in zip(low, high, strict=True)
+            ]
+        )
+    )
     i, j = np.divmod(pairs, n_nodes)
     keys = np.sort(np.concatenate([pairs, j * n_nodes + i]))
     rows, indices = np.divmod(keys, n_nodes)

@@ -14,7 +14,8 @@ class Mesh:
     """A simplex mesh with one region per cell and named facet groups.
 
     points : (N, d) coordinates [m].  cells : (E, A) nodes, positively oriented, VTK node order.
-    cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the (first) adjacent cell.
+    cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the
+    (first) adjacent cell.
     """
 
     points: np.ndarray

@@ -1,9 +1,10 @@
-"""Cells of a mesh from outside that overlap: folded over a common facet, or one at the boundary over any.
+"""Cells of a mesh from outside that overlap: folded over a common facet, or one at the boundary
+over any.
 
-All cells are positively oriented.  Then the number of cells over a point is the degree of the mesh as a
-map, and that changes across the boundary only, where it is higher on the inner side: no two cells
-overlap where neighbours lie on opposite sides of their common facet and no cell at the boundary overlaps
-another one.
+All cells are positively oriented.  Then the number of cells over a point is the degree of the mesh
+as a map, and that changes across the boundary only, where it is higher on the inner side: no two
+cells overlap where neighbours lie on opposite sides of their common facet and no cell at the
+boundary overlaps another one.
 """
 
 import numpy as np
@@ -14,10 +15,11 @@ from ..errors import InputError
 from .check import place
 from .topology import cell_facets
 
-# Depth of a cell in another that is no overlap, in smallest heights of a cell: digits of a mesh file.
+# Depth of a cell in another that is no overlap, in smallest heights of a cell: digits of a mesh
+# file.
 ROUNDED = 1e-3
-# The same between parts without common nodes, in longest edges: the sides of an interface may lie apart
-# by a tenth (fem/transfer.py), on curved ones both have their own sagitta.
+# The same between parts without common nodes, in longest edges: the sides of an interface may lie
+# apart by a tenth (fem/transfer.py), on curved ones both have their own sagitta.
 APART = 0.15
 PARALLEL = 1e-9  # product of two edges over the largest, below which it has no direction
 LEAF = 32  # cells that are compared with all cells near them at once
@@ -26,7 +28,8 @@ LEAF = 32  # cells that are compared with all cells near them at once
 def require_unfolded(points, cells, element, group, where):
     """Raise InputError where two cells lie on the same side of their common facet.
 
-    Neighbours that are oriented alike traverse it in opposite directions.  group : (E, facets of a cell)
+    Neighbours that are oriented alike traverse it in opposite directions.  group : (E, facets of a
+    cell)
     """
     sides = _parity(cell_facets(cells, element)[:, :, : element.dim])
     balance = np.bincount(group.ravel(), weights=sides.ravel())
@@ -38,13 +41,16 @@ def require_unfolded(points, cells, element, group, where):
     names = " and ".join(f"{e} at {_centre(points, cells, element, e)}" for e in first[:, 0])
     raise InputError(
         f"{where}: the mesh is tangled at {int(wrong.sum()) // 2} facets, the first at"
-        f" {place(points[corners].mean(axis=0))}: its cells {names} (counted from 0) lie on the same side"
-        " of it; mesh the domain again, a node has been moved across its neighbours or a cell is doubled"
+        f" {place(points[corners].mean(axis=0))}: its cells {names} (counted from 0) lie on the"
+        " same side of it; mesh the domain again, a node has been moved across its neighbours or a"
+        " cell is doubled"
     )
 
 
 def require_disjoint(points, cells, element, group, where):
-    """Raise InputError where a cell at the boundary overlaps another one.  group : (E, facets of a cell)"""
+    """Raise InputError where a cell at the boundary overlaps another one.  group : (E, facets of a
+    cell)
+    """
     outer = np.flatnonzero((np.bincount(group.ravel()) == 1)[group].any(axis=1))
     corners = points[cells[:, : element.dim + 1]]
     gradients = _gradients(corners)
@@ -57,13 +63,15 @@ def require_disjoint(points, cells, element, group, where):
             first = a[deep][0], b[deep][0]
             names = " and ".join(f"{e} at {_centre(points, cells, element, e)}" for e in first)
             raise InputError(
-                f"{where}: cells overlap: {names} (counted from 0), the first of which is at the boundary;"
-                " remove one of them or mesh the domain again"
+                f"{where}: cells overlap: {names} (counted from 0), the first of which is at the"
+                " boundary; remove one of them or mesh the domain again"
             )
 
 
 def _parity(facets):
-    """Return +1 or -1, (E, f), by which the vertices (E, f, d) of facets are an even or odd permutation."""
+    """Return +1 or -1, (E, f), by which the vertices (E, f, d) of facets are an even or odd
+    permutation.
+    """
     low, high = np.triu_indices(facets.shape[2], k=1)
     return np.sign(facets[:, :, high] - facets[:, :, low]).prod(axis=2)
 
@@ -85,11 +93,15 @@ def _near(low, high, outer):
     todo = [(outer, np.arange(low.shape[1]))]
     while todo:
         some, cells = todo.pop()
-        below, above = low[:, some], high[:, some]
-        lowest, highest = below.min(axis=1, keepdims=True), above.max(axis=1, keepdims=True)
+        below = low[:, some]
+        above = high[:, some]
+        lowest = below.min(axis=1, keepdims=True)
+        highest = above.max(axis=1, keepdims=True)
         cells = cells[_meet(low[:, cells], high[:, cells], lowest, highest)]
         if len(some) <= LEAF:
-            a, b = np.nonzero(_meet(low[:, None, cells], high[:, None, cells], below[..., None], above[..., None]))
+            a, b = np.nonzero(
+                _meet(low[:, None, cells], high[:, None, cells], below[..., None], above[..., None])
+            )
             other = some[a] != cells[b]
             yield some[a[other]], cells[b[other]]
         else:
@@ -103,7 +115,8 @@ def _meet(low, high, other_low, other_high):
 
 
 def _depth(corners, gradients, a, b, allowed):
-    """Return how deep cells a reach into cells b, (n,) [m]; what is not more than allowed is not exact.
+    """Return how deep cells a reach into cells b, (n,) [m]; what is not more than allowed is not
+    exact.
 
     The least depth along the normals of both and, in space, the products of their edges (separating
     axis theorem; Gottschalk, Lin & Manocha 1996).
@@ -135,11 +148,15 @@ def _depth_in_second(corners, gradients, a, b):
 
 
 def _depth_along_edges(corners, gradients, a, b):
-    """Return the depth along the products of the edges of tetrahedra that are not parallel, (n,) [m]."""
+    """Return the depth along the products of the edges of tetrahedra that are not parallel, (n,)
+    [m].
+    """
     axes = _edge_products(corners[a], corners[b])
     length = np.linalg.norm(axes, axis=2)
     first, second = (np.einsum("nkd,nvd->nkv", axes, corners[cells]) for cells in (a, b))
-    depth = np.minimum(first.max(axis=2) - second.min(axis=2), second.max(axis=2) - first.min(axis=2))
+    depth = np.minimum(
+        first.max(axis=2) - second.min(axis=2), second.max(axis=2) - first.min(axis=2)
+    )
     usable = length > PARALLEL * length.max(axis=1, keepdims=True)
     apart = np.divide(depth, length, out=np.full_like(depth, np.inf), where=usable)
     return apart.min(axis=1, initial=np.inf)
@@ -168,7 +185,9 @@ def _height(corners):
 
 
 def _bulge(points, cells, element):
-    """Return by how much the edges of cells are curved, (n,) [m]: mid-edge nodes from the chords."""
+    """Return by how much the edges of cells are curved, (n,) [m]: mid-edge nodes from the
+    chords.
+    """
     if element.order == 1:
         return np.zeros(len(cells))
     a, b = np.array(element.edges).T
@@ -186,7 +205,10 @@ def _too_deep(n_nodes, cells, corners, depth, first, second):
 
 
 def _parts(cells, n_nodes):
-    """Return the number of the part that a node belongs to, (N,): cells with a common node are one."""
-    first, other = np.repeat(cells[:, 0], cells.shape[1] - 1), cells[:, 1:].ravel()
+    """Return the number of the part that a node belongs to, (N,): cells with a common node are
+    one.
+    """
+    first = np.repeat(cells[:, 0], cells.shape[1] - 1)
+    other = cells[:, 1:].ravel()
     graph = csr_matrix((np.ones(len(first), dtype=bool), (first, other)), shape=(n_nodes, n_nodes))
     return connected_components(graph, directed=False)[1]

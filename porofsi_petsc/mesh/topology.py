@@ -18,7 +18,8 @@ def group_rows(rows):
 
 
 def add_midside_nodes(points, cells, edges):
-    """Return the points and cells of order 2 made from those of order 1, mid-edge nodes numbered after the vertices.
+    """Return the points and cells of order 2 made from those of order 1, mid-edge nodes numbered
+    after the vertices.
 
     points : (N, d) -> (N + M, d).  cells : (E, d + 1) -> (E, d + 1 + number of edges).
     """
@@ -26,16 +27,22 @@ def add_midside_nodes(points, cells, edges):
     group = group_rows(ends)
     first = np.unique(group, return_index=True)[1]
     middle = points[ends[first]].mean(axis=1)
-    return np.vstack([points, middle]), np.hstack([cells, len(points) + group.reshape(len(cells), -1)])
+    return np.vstack([points, middle]), np.hstack(
+        [cells, len(points) + group.reshape(len(cells), -1)]
+    )
 
 
 def cell_facets(cells, element):
-    """Return the nodes of every facet of every cell, (E, number of facets, Af), outward orientation."""
+    """Return the nodes of every facet of every cell, (E, number of facets, Af), outward
+    orientation.
+    """
     return cells[:, np.array(element.facets)]
 
 
 def facet_groups(cells, element):
-    """Return the number of every facet of every cell, (E, number of facets), shared ones with one number."""
+    """Return the number of every facet of every cell, (E, number of facets), shared ones with one
+    number.
+    """
     vertices = cell_facets(cells, element)[:, :, : element.dim]
     return group_rows(vertices.reshape(-1, element.dim)).reshape(vertices.shape[:2])
 
@@ -52,7 +59,8 @@ def boundary_facets(cells, element):
 
 
 def locate_facets(facets, cells, element):
-    """Return cell and local number, (F,) each, of the given facets; the lower cell of an interior one, -1 where there is none.
+    """Return cell and local number, (F,) each, of the given facets; the lower cell of an interior
+    one, -1 where there is none.
 
     facets : (F, >= dim) node numbers, the vertices first and in any order.
     """

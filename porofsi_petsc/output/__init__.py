@@ -1,1 +1,3 @@
-"""Everything that leaves the program: fields, histories, checkpoints, summary, figures, progress."""
+"""Everything that leaves the program: fields, histories, checkpoints, summary, figures,
+progress.
+"""

@@ -2,7 +2,9 @@
 
 
 def checks_table(checks):
-    """Return a text of computed, reference, error and bound of every check, each with the fields of `simulation.verify.Check`."""
+    """Return a text of computed, reference, error and bound of every check, each with the fields of
+    `simulation.verify.Check`.
+    """
     from rich.console import Console
     from rich.table import Table
 
@@ -17,9 +19,20 @@ def checks_table(checks):
     previous = None
     for check in checks:
         style = None if check.passed else "red"
-        numbers = _number(check.computed, 6), _number(check.reference, 6), _number(check.error, 2), _number(check.bound, 2)
+        numbers = (
+            _number(check.computed, 6),
+            _number(check.reference, 6),
+            _number(check.error, 2),
+            _number(check.bound, 2),
+        )
         verdict = "passed" if check.passed else f"FAILED {check.note}"
-        table.add_row(check.case if check.case != previous else "", check.quantity, *numbers, verdict, style=style)
+        table.add_row(
+            check.case if check.case != previous else "",
+            check.quantity,
+            *numbers,
+            verdict,
+            style=style,
+        )
         previous = check.case
     console = Console(width=None if Console().is_terminal else 160)
     with console.capture() as text:

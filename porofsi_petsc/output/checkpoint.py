@@ -1,4 +1,5 @@
-"""checkpoint.h5: everything a restart needs, in the natural order, so that it is read on any number of ranks.
+"""checkpoint.h5: everything a restart needs, in the natural order, so that it is read on any number
+of ranks.
 
 It is sealed: HDF5 sees nothing of it before the checksum of all its bytes is right.
 """
@@ -24,7 +25,12 @@ FIRST_SEALED = 2  # the format version from which on files have a checksum
 SIGNATURE = b"\x89HDF\r\n\x1a\n"  # of an HDF5 file, where its content starts
 NAME = "checkpoint.h5"
 PREVIOUS = "checkpoint.previous.h5"
-OWN = {"format_version": int, "mesh_hash": str, "ranks": int, "nodes": int}  # entries of every header and their types
+OWN = {
+    "format_version": int,
+    "mesh_hash": str,
+    "ranks": int,
+    "nodes": int,
+}  # entries of every header and their types
 
 
 class Dataset(NamedTuple):
@@ -35,14 +41,21 @@ class Dataset(NamedTuple):
 
 
 def write_checkpoint(directory, mesh, header, arrays):
-    """Write checkpoint.h5, atomically, and keep the one before as checkpoint.previous.h5; collective.
+    """Write checkpoint.h5, atomically, and keep the one before as checkpoint.previous.h5;
+    collective.
 
-    header : dict with JSON values (scene text, step, time [s], …), equal on every rank; format_version, mesh_hash, ranks,
+    header : dict with JSON values (scene text, step, time [s], …), equal on every rank;
+    format_version, mesh_hash, ranks,
     nodes, regions are added here.  arrays : dict name -> (n_owned, ...) in local order.
     Raises PorofsiError when it cannot be written.
     """
     path = Path(directory) / NAME
-    own = {"format_version": FORMAT_VERSION, "mesh_hash": mesh.hash, "ranks": mesh.comm.size, "nodes": int(mesh.n_global)}
+    own = {
+        "format_version": FORMAT_VERSION,
+        "mesh_hash": mesh.hash,
+        "ranks": mesh.comm.size,
+        "nodes": int(mesh.n_global),
+    }
     own["regions"] = list(mesh.regions)
     slabs = {name: mesh.order.to_slab(array) for name, array in arrays.items()}
     written = path.with_name("checkpoint.next.h5")
@@ -70,8 +83,9 @@ def _replace(written, path):
 def open_checkpoint(path, comm):
     """Return the header of a checkpoint after a look at every byte of the file; collective.
 
-    Keys that it gets here: arrays, name -> `Dataset`; sealed, false where an earlier version wrote no checksum.
-    Raises InputError when the file is not there, not a checkpoint, damaged or of a newer format.
+    Keys that it gets here: arrays, name -> `Dataset`; sealed, false where an earlier version wrote
+    no checksum. Raises InputError when the file is not there, not a checkpoint, damaged or of a
+    newer format.
     """
     path = Path(path)
     try:
@@ -81,19 +95,27 @@ def open_checkpoint(path, comm):
 
 
 def read_arrays(path, header, mesh):
-    """Return dict name -> (n_owned, ...) in the local order of the mesh; collective, any number of ranks.
+    """Return dict name -> (n_owned, ...) in the local order of the mesh; collective, any number of
+    ranks.
 
-    header : of `open_checkpoint`.  Raises InputError when the file belongs to another mesh or is damaged.
+    header : of `open_checkpoint`.  Raises InputError when the file belongs to another mesh or is
+    damaged.
     """
     regions = list(mesh.regions)
     if (header["mesh_hash"], header.get("regions", regions)) != (mesh.hash, regions):
         raise InputError(
-            f"{path}: belongs to another mesh: received mesh hash {header['mesh_hash']}, expected {mesh.hash} of the scene "
-            f"with the regions {', '.join(regions)}; restart with the scene and mesh file of the first run"
+            f"{path}: belongs to another mesh: received mesh hash {header['mesh_hash']}, expected"
+            f" {mesh.hash} of the scene with the regions {', '.join(regions)}; restart with the"
+            " scene and mesh file of the first run"
         )
-    start, stop = mesh.order.bounds[mesh.comm.rank], mesh.order.bounds[mesh.comm.rank + 1]
-    slabs = (on_all(mesh.comm, partial(read_slab, path, name, start, stop)) for name in header["arrays"])
-    arrays = {name: mesh.order.from_slab(slab) for name, slab in zip(header["arrays"], slabs, strict=True)}
+    start = mesh.order.bounds[mesh.comm.rank]
+    stop = mesh.order.bounds[mesh.comm.rank + 1]
+    slabs = (
+        on_all(mesh.comm, partial(read_slab, path, name, start, stop)) for name in header["arrays"]
+    )
+    arrays = {
+        name: mesh.order.from_slab(slab) for name, slab in zip(header["arrays"], slabs, strict=True)
+    }
     finite = all(np.isfinite(array).all() for array in arrays.values())
     if not mesh.comm.allreduce(finite, op=MPI.LAND):
         raise damaged(path, "it holds numbers that are not finite", mesh.comm)
@@ -140,7 +162,8 @@ def _has_front(path):
 def _read_header(path, sealed):
     try:
         with reading(path) as file:
-            kind, text = file.attrs.get("format"), file.attrs.get("header")
+            kind = file.attrs.get("format")
+            text = file.attrs.get("header")
             arrays = {name: _dataset(item) for name, item in file.items()} if kind == FORMAT else {}
     except InputError as failure:
         raise InputError(f"{path}: truncated or damaged, it is no complete HDF5 file") from failure
@@ -154,15 +177,24 @@ def _read_header(path, sealed):
             "a newer porofsi wrote it, which can read it"
         )
     if sealed != (version >= FIRST_SEALED):
-        raise InputError(f"{path}: damaged, a checkpoint of format {version} has {'no' if sealed else 'a'} checksum")
+        raise InputError(
+            f"{path}: damaged, a checkpoint of format {version} has {'no' if sealed else 'a'}"
+            " checksum"
+        )
     if any(array is None or array.shape[:1] != (header["nodes"],) for array in arrays.values()):
-        raise InputError(f"{path}: damaged, expected {header['nodes']} rows of numbers in every array")
+        raise InputError(
+            f"{path}: damaged, expected {header['nodes']} rows of numbers in every array"
+        )
     return {**header, "arrays": arrays, "sealed": sealed}
 
 
 def _dataset(item):
-    """Return the `Dataset` of an item, None where it holds no numbers as this program writes them."""
-    plain = item.dtype.kind in "fiub" and item.id.get_type().equal(h5py.h5t.py_create(item.dtype, logical=True))
+    """Return the `Dataset` of an item, None where it holds no numbers as this program writes
+    them.
+    """
+    plain = item.dtype.kind in "fiub" and item.id.get_type().equal(
+        h5py.h5t.py_create(item.dtype, logical=True)
+    )
     return Dataset(item.shape, item.dtype) if plain and item.shape else None
 
 

@@ -1,4 +1,6 @@
-"""The result directory: what belongs to it, when it may be written to, and when earlier results may go."""
+"""The result directory: what belongs to it, when it may be written to, and when earlier results may
+go.
+"""
 
 import os
 import re
@@ -13,40 +15,56 @@ from .files import on_root
 from .lock import NAME as LOCK
 from .lock import Lock
 
-# Every file that a run writes, as a regular expression of its path in the directory; each may have .tmp behind it.
+# Every file that a run writes, as a regular expression of its path in the directory; each may have
+# .tmp behind it.
 WRITTEN = re.compile(
     r"(history\.csv|summary\.json|scene\.toml|run\.log|profiles\.csv|fields\.xdmf|checkpoint(\.next|\.previous)?\.h5|"
     r"(pressure|velocity|displacement|histories|paths|reference)\.png|fields/(mesh|\d{6,})\.h5)(\.tmp)?"
 )
 FIELDS = "fields"
-# Folders in which --force puts earlier results aside.  At any moment their names say what belongs where, so that the next run
-# finishes what a killed one has begun: UNSORTED belongs in the directory beside what is there; KEPT belongs there instead of
-# what a run without an accepted step has written; GONE has been replaced.
-UNSORTED, KEPT, GONE = "porofsi.unsorted", "porofsi.kept", "porofsi.gone"
+# Folders in which --force puts earlier results aside.  At any moment their names say what belongs
+# where, so that the next run finishes what a killed one has begun: UNSORTED belongs in the
+# directory beside what is there; KEPT belongs there instead of what a run without an accepted step
+# has written; GONE has been replaced.
+UNSORTED = "porofsi.unsorted"
+KEPT = "porofsi.kept"
+GONE = "porofsi.gone"
 
 
 def written_files(directory: Path) -> list[Path]:
-    """Return the files of a run in its directory, sorted: by exact names, and not through links to folders."""
+    """Return the files of a run in its directory, sorted: by exact names, and not through links to
+    folders.
+    """
     fields = directory / FIELDS
     places = [directory] + ([fields] if fields.is_dir() and not fields.is_symlink() else [])
-    found = [path for place in places for path in place.iterdir() if path.is_symlink() or path.is_file()]
-    return sorted(path for path in found if WRITTEN.fullmatch(path.relative_to(directory).as_posix()))
+    found = [
+        path for place in places for path in place.iterdir() if path.is_symlink() or path.is_file()
+    ]
+    return sorted(
+        path for path in found if WRITTEN.fullmatch(path.relative_to(directory).as_posix())
+    )
 
 
 class Claim:
-    """A directory held by one run, and what an earlier run has left there until the new one has done a step.
+    """A directory held by one run, and what an earlier run has left there until the new one has
+    done a step.
 
-    As a context: with an error before `accept` earlier results come back.  All but the end is collective, rank 0 acts.
+    As a context: with an error before `accept` earlier results come back.  All but the end is
+    collective, rank 0 acts.
     """
 
     def __init__(self, directory: Path, force: bool, restart: Path | None, comm: MPI.Comm):
         """Create or take the directory, locked; finish what a killed run has begun there.
 
-        restart : a checkpoint of this directory keeps what is there, one from elsewhere does not excuse a directory with files;
-        with force the results of an earlier run (`written_files`) may be replaced.
-        Raises InputError when the directory is not empty and neither is given, is a file, cannot be written, or is in use.
+        restart : a checkpoint of this directory keeps what is there, one from elsewhere does not
+        excuse a directory with files; with force the results of an earlier run (`written_files`)
+        may be replaced. Raises InputError when the directory is not empty and neither is given, is
+        a file, cannot be written, or is in use.
         """
-        self._directory, self._comm, self._lock, self._made = Path(directory), comm, None, []
+        self._directory = Path(directory)
+        self._comm = comm
+        self._lock = None
+        self._made = []
         on_root(comm, self._take, force, restart)
 
     def __enter__(self):
@@ -62,7 +80,9 @@ class Claim:
         on_root(self._comm, self._put_aside)
 
     def accept(self):
-        """Let earlier results go: the run has done a step, so its options and its scene are right."""
+        """Let earlier results go: the run has done a step, so its options and its scene are
+        right.
+        """
         on_root(self._comm, self._let_go)
 
     def _take(self, force, restart):
@@ -70,7 +90,9 @@ class Claim:
         try:
             self._lock = Lock(self._directory)
             _finish(self._directory)
-            self._continued = restart is not None and Path(restart).resolve().parent == self._directory.resolve()
+            self._continued = (
+                restart is not None and Path(restart).resolve().parent == self._directory.resolve()
+            )
             if not self._continued:
                 _require_replaceable(self._directory, force)
         except BaseException:
@@ -80,15 +102,23 @@ class Claim:
     def _create(self):
         directory = self._directory
         if directory.exists() and not directory.is_dir():
-            raise InputError(f"{directory}: is a file, expected a directory for the results; give another one with --output")
+            raise InputError(
+                f"{directory}: is a file, expected a directory for the results; give another one"
+                " with --output"
+            )
         self._made = [folder for folder in (directory, *directory.parents) if not folder.exists()]
         try:
             directory.mkdir(parents=True, exist_ok=True)
         except OSError as failure:
             advice = "give another directory with --output"
-            raise InputError(f"{directory}: could not be created ({failure.strerror}); {advice}") from failure
+            raise InputError(
+                f"{directory}: could not be created ({failure.strerror}); {advice}"
+            ) from failure
         if not os.access(directory, os.R_OK | os.W_OK | os.X_OK):
-            raise InputError(f"{directory}: not writable; change its permissions or give another directory with --output")
+            raise InputError(
+                f"{directory}: not writable; change its permissions or give another directory with"
+                " --output"
+            )
 
     def _put_aside(self):
         if not self._continued:
@@ -113,14 +143,15 @@ class Claim:
 def _require_replaceable(directory, force):
     if not force and any(path.name != LOCK for path in directory.iterdir()):
         raise InputError(
-            f"{directory}: already holds files, expected a new or empty directory; "
-            "use --force to replace its results, --restart FILE to continue them, or --output for another directory"
+            f"{directory}: already holds files, expected a new or empty directory; use --force to"
+            " replace its results, --restart FILE to continue them, or --output for another"
+            " directory"
         )
     fields = directory / FIELDS
     if fields.is_symlink():
         raise InputError(
-            f"{fields}: received a link, to {os.readlink(fields)}, expected a folder: --force replaces nothing elsewhere; "
-            "remove the link, or give another directory with --output"
+            f"{fields}: received a link, to {os.readlink(fields)}, expected a folder: --force"
+            " replaces nothing elsewhere; remove the link, or give another directory with --output"
         )
 
 

@@ -10,19 +10,23 @@ STATISTICS = {
     "abs_max": lambda values: np.max(np.abs(values)),
     "final": lambda values: values[-1],
 }
-ROUNDING = 1e-9  # relative: a last time that misses the asked one by rounding is not a history that is too short
+# relative: a last time that misses the asked one by rounding is not a history that is too short
+ROUNDING = 1e-9
 
 
 def evaluate(expectations, histories, complete=True, period=None):
     """Return one record per expectation, a dict.
 
-    Its keys: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason, source.
+    Its keys: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason,
+    source.
 
-    expectations : objects with quantity (and minus, a column that is taken from it), at [s] (and since [s]) or statistic, value,
-    tolerance, scale (None: |value|), source.
-    histories : each a dict column -> (rows,), as read_history gives; the first that has the column counts.  The error is
-    |computed - expected| / scale; a time that the history does not cover is skipped: passed None and a reason; so is a statistic
-    of a run that did not complete.  period : the `output.period.Period` of the history, None where it has none, which skips too.
+    expectations : objects with quantity (and minus, a column that is taken from it), at [s] (and
+    since [s]) or statistic, value, tolerance, scale (None: |value|), source.
+    histories : each a dict column -> (rows,), as read_history gives; the first that has the column
+    counts.  The error is |computed - expected| / scale; a time that the history does not cover is
+    skipped: passed None and a reason; so is a statistic
+    of a run that did not complete.  period : the `output.period.Period` of the history, None where
+    it has none, which skips too.
     """
     found = []
     for expectation in expectations:
@@ -32,7 +36,11 @@ def evaluate(expectations, histories, complete=True, period=None):
 
 
 def _name(expectation):
-    return expectation.quantity if expectation.minus is None else f"{expectation.quantity} - {expectation.minus}"
+    return (
+        expectation.quantity
+        if expectation.minus is None
+        else f"{expectation.quantity} - {expectation.minus}"
+    )
 
 
 def failed(records):
@@ -41,7 +49,11 @@ def failed(records):
 
 
 def _record(expectation, value, reason):
-    error = None if value is None else _relative(abs(value - expectation.value), expectation.scale or abs(expectation.value))
+    error = (
+        None
+        if value is None
+        else _relative(abs(value - expectation.value), expectation.scale or abs(expectation.value))
+    )
     return {
         "quantity": _name(expectation),
         "at": expectation.at,
@@ -65,7 +77,8 @@ def _relative(difference, scale):
 
 def _computed(expectation, history, complete, period):
     """Return the value and None, or None and the reason why there is none."""
-    t, values = history["t"], history[expectation.quantity]
+    t = history["t"]
+    values = history[expectation.quantity]
     if expectation.minus is not None:
         values = values - history[expectation.minus]
     if len(t) == 0:

@@ -11,12 +11,16 @@ DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the dom
 LARGEST_ASPECT = 8.0  # a domain more slender than this is drawn with unequal scales
 WIDTH = 7.2  # [inch], the text width of a journal page
 MESH_LINES_UP_TO = 6000  # triangles; beyond, the lines would cover the colours
-FAINT = 0.4  # a panel whose largest value is below this share of the figure's is hardly seen on a linear colour scale
+# a panel whose largest value is below this share of the figure's is hardly seen on a linear colour
+# scale
+FAINT = 0.4
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The shared colour scale: unit, factor from SI to it, limits in the unit, colour map; root: colours follow sqrt|value|."""
+    """The shared colour scale: unit, factor from SI to it, limits in the unit, colour map; root:
+    colours follow sqrt|value|.
+    """
 
     unit: str
     factor: float
@@ -31,7 +35,9 @@ class Scale:
         from matplotlib.colors import FuncNorm, Normalize
 
         limits = {"vmin": self.low, "vmax": self.high}
-        norm = FuncNorm((_signed_root, _signed_square), **limits) if self.root else Normalize(**limits)
+        norm = (
+            FuncNorm((_signed_root, _signed_square), **limits) if self.root else Normalize(**limits)
+        )
         return {"cmap": self.colours, "norm": norm}
 
     def label(self, text):
@@ -48,8 +54,12 @@ def _signed_square(values):
 
 
 def deformation_scale(snapshots, surface):
-    """Return the factor, rounded to one digit, that draws the largest displacement as 5 % of the domain; never less than 1."""
-    largest = max(np.linalg.norm(displacement(s, surface)[surface.nodes], axis=1).max() for s in snapshots)
+    """Return the factor, rounded to one digit, that draws the largest displacement as 5 % of the
+    domain; never less than 1.
+    """
+    largest = max(
+        np.linalg.norm(displacement(s, surface)[surface.nodes], axis=1).max() for s in snapshots
+    )
     return max(1.0, significant(DRAWN_SHARE * surface.size / largest)) if largest > 0 else 1.0
 
 
@@ -61,24 +71,35 @@ def displacement(snapshot, surface):
 
 
 def colour_scale(values, unit):
-    """Return the Scale of fields (list of (N,) in SI): symmetric about zero when both signs matter, by root when one is faint."""
-    low, high = min(v.min() for v in values), max(v.max() for v in values)
+    """Return the Scale of fields (list of (N,) in SI): symmetric about zero when both signs matter,
+    by root when one is faint.
+    """
+    low = min(v.min() for v in values)
+    high = max(v.max() for v in values)
     sizes = [np.abs(v).max() for v in values]
     root = 0 < min(sizes) < FAINT * max(sizes)
     factor, name = scaled_unit(max(abs(low), abs(high)), unit)
-    low, high = low * factor, high * factor
+    low = low * factor
+    high = high * factor
     if low < -0.1 * high and high > -0.1 * low:
         bound = max(-low, high)
         return Scale(name, factor, -bound, bound, "RdBu_r", root)
     low, high = (min(low, 0.0), high) if high > 0 else (low, max(high, 0.0))
-    return Scale(name, factor, low, high if high > low else low + 1.0, "YlGnBu" if high > 0 else "YlGnBu_r", root)
+    return Scale(
+        name,
+        factor,
+        low,
+        high if high > low else low + 1.0,
+        "YlGnBu" if high > 0 else "YlGnBu_r",
+        root,
+    )
 
 
 def draw_field(figure, snapshots, values, surface, label, magnification, backdrop=None):
     """Draw the field at the snapshots in one panel each.
 
-    figure : empty matplotlib Figure.  values : list of (N,) in SI.  label : (text, SI unit).  backdrop : the Surface of what has
-    no such field, grey in a plane picture.
+    figure : empty matplotlib Figure.  values : list of (N,) in SI.  label : (text, SI unit).
+    backdrop : the Surface of what has no such field, grey in a plane picture.
     """
     scale = colour_scale([v[surface.nodes] for v in values], label[1])
     deformed = [surface.points + magnification * displacement(s, surface) for s in snapshots]
@@ -98,19 +119,29 @@ def draw_field(figure, snapshots, values, surface, label, magnification, backdro
 
 
 def _caption(magnification, equal, surface):
-    size = "true to size" if magnification == 1 else f"drawn {plain(magnification)} times their size"
+    size = (
+        "true to size" if magnification == 1 else f"drawn {plain(magnification)} times their size"
+    )
     text = f"displacements {size}; outline: undeformed"
     if surface.dim == 3:
-        text += ", " + r" $\times$ ".join(f"{extent:.4g}" for extent in np.ptp(surface.points, axis=0)) + " m"
+        text += (
+            ", "
+            + r" $\times$ ".join(f"{extent:.4g}" for extent in np.ptp(surface.points, axis=0))
+            + " m"
+        )
         if surface.cut > surface.points[:, 1].min():
             text += f"\nonly the part behind $y$ = {surface.cut:.4g} m is drawn"
     return text if equal else text + "; axes not to the same scale"
 
 
 def _arrange(figure, surface, deformed):
-    """Set the size of the figure of n panels; return rows, columns and whether both axes have the same scale."""
+    """Set the size of the figure of n panels; return rows, columns and whether both axes have the
+    same scale.
+    """
     n = len(deformed)
-    seen = np.concatenate([surface.project(points[surface.nodes])[0] for points in (surface.points, *deformed)])
+    seen = np.concatenate(
+        [surface.project(points[surface.nodes])[0] for points in (surface.points, *deformed)]
+    )
     width, height = np.ptp(seen, axis=0)
     aspect = height / width
     equal = 1 / LARGEST_ASPECT <= aspect <= LARGEST_ASPECT
@@ -120,7 +151,9 @@ def _arrange(figure, surface, deformed):
     rows = -(-n // columns)
     width = WIDTH if columns > 1 or aspect < 0.5 else 0.65 * WIDTH
     panel = (width - 1.3) / columns
-    labels = 0.65 if n == rows * columns else 1.05  # a panel above an empty place has its own x label
+    labels = (
+        0.65 if n == rows * columns else 1.05
+    )  # a panel above an empty place has its own x label
     figure.set_size_inches(width, min(rows * (panel * aspect + 0.27) + labels, 9.5))
     return rows, columns, equal
 
@@ -130,7 +163,9 @@ def _draw_panel(ax, surface, deformed, values, scale):
 
     outline = surface.project(surface.points)[0][surface.outline]
     behind = surface.dim == 3
-    ax.add_collection(LineCollection(outline, colors="0.35", linewidths=0.7, zorder=0 if behind else 3))
+    ax.add_collection(
+        LineCollection(outline, colors="0.35", linewidths=0.7, zorder=0 if behind else 3)
+    )
     draw = _draw_plane if surface.dim == 2 else _draw_solid
     artist = draw(ax, surface, deformed, values, scale.mapping)
     ax.autoscale_view()
@@ -139,16 +174,28 @@ def _draw_panel(ax, surface, deformed, values, scale):
 
 def _draw_plane(ax, surface, deformed, values, colours):
     x, y = deformed[surface.nodes].T
-    triangles = np.searchsorted(surface.nodes, surface.triangles)  # other nodes would count in the limits of the axes
+    triangles = np.searchsorted(
+        surface.nodes, surface.triangles
+    )  # other nodes would count in the limits of the axes
     if len(triangles) <= MESH_LINES_UP_TO:
         ax.triplot(x, y, triangles, color="k", linewidth=0.15, alpha=0.35, zorder=2)
-    return ax.tripcolor(x, y, triangles, values[surface.nodes], shading="gouraud", rasterized=True, **colours)
+    return ax.tripcolor(
+        x, y, triangles, values[surface.nodes], shading="gouraud", rasterized=True, **colours
+    )
 
 
 def _draw_backdrop(ax, backdrop, deformed):
     from matplotlib.collections import PolyCollection
 
-    ax.add_collection(PolyCollection(deformed[backdrop.triangles], facecolors="0.6", edgecolors="0.6", linewidths=0.2, zorder=2))
+    ax.add_collection(
+        PolyCollection(
+            deformed[backdrop.triangles],
+            facecolors="0.6",
+            edgecolors="0.6",
+            linewidths=0.2,
+            zorder=2,
+        )
+    )
 
 
 def _draw_solid(ax, surface, deformed, values, colours):
@@ -161,7 +208,14 @@ def _draw_solid(ax, surface, deformed, values, colours):
     lines = {"edgecolors": (0, 0, 0, 0.25), "linewidths": 0.15}
     if len(triangles) > MESH_LINES_UP_TO:
         lines = {"edgecolors": "face", "linewidths": 0.2}
-    faces = PolyCollection(seen[triangles], array=values[triangles].mean(axis=1), rasterized=True, zorder=1, **lines, **colours)
+    faces = PolyCollection(
+        seen[triangles],
+        array=values[triangles].mean(axis=1),
+        rasterized=True,
+        zorder=1,
+        **lines,
+        **colours,
+    )
     ax.add_collection(faces)
     return faces
 

@@ -1,8 +1,9 @@
-"""Fields over time: one HDF5 file per written time, the mesh once, and an XDMF file for ParaView and meshio.
+"""Fields over time: one HDF5 file per written time, the mesh once, and an XDMF file for ParaView
+and meshio.
 
-fields.xdmf              temporal collection, replaced after every written time
-fields/mesh.h5           points (N, 3) [m], cells (E, A), region (E,); natural order of nodes and cells
-fields/000010.h5         step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy xz yy yz zz
+fields.xdmf              temporal collection, replaced after every written time fields/mesh.h5
+points (N, 3) [m], cells (E, A), region (E,); natural order of nodes and cells fields/000010.h5
+step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy xz yy yz zz
 """
 
 import re
@@ -41,22 +42,30 @@ class FieldWriter:
 
         Raises InputError when a file of a time cannot be read.
         """
-        self.directory, self.mesh = Path(directory), mesh
+        self.directory = Path(directory)
+        self.mesh = mesh
         on_root(mesh.comm, _make_folder, self.directory)
-        self.n_points, self.cells_shape = mesh.n_global, (mesh.n_cells_global, mesh.cells.shape[1])
+        self.n_points = mesh.n_global
+        self.cells_shape = (mesh.n_cells_global, mesh.cells.shape[1])
         self.snapshots = on_root(mesh.comm, read_snapshots, self.directory)
         self._write_mesh()
 
     def write(self, step, time, fields):
         """Write the fields of one step and list them in the XDMF file; collective.
 
-        fields : dict name -> (n_owned, k) or (n_owned,), k = 1 scalar, mesh.dim vector, 6 symmetric tensor.
+        fields : dict name -> (n_owned, k) or (n_owned,), k = 1 scalar, mesh.dim vector, 6 symmetric
+        tensor.
         """
         path = self.directory / FOLDER / f"{step:06d}.h5"
-        slabs = {name: self.mesh.order.to_slab(_columns(name, array, self.mesh.dim)) for name, array in fields.items()}
+        slabs = {
+            name: self.mesh.order.to_slab(_columns(name, array, self.mesh.dim))
+            for name, array in fields.items()
+        }
         write_slabs(path, self.mesh.comm, slabs, {"step": step, "time": time})
         shapes = {name: (self.n_points, *slab.shape[1:]) for name, slab in slabs.items()}
-        self.snapshots = [s for s in self.snapshots if s.step != step] + [Snapshot(step, time, path, shapes)]
+        self.snapshots = [s for s in self.snapshots if s.step != step] + [
+            Snapshot(step, time, path, shapes)
+        ]
         self._write_xdmf()
 
     def truncate(self, time):
@@ -79,15 +88,20 @@ class FieldWriter:
         write_slabs(self.directory / FOLDER / "mesh.h5", mesh.comm, slabs, attributes)
 
     def _write_xdmf(self):
-        grids = [_grid(s, self.mesh.element.name, self.n_points, self.cells_shape) for s in self.snapshots]
+        grids = [
+            _grid(s, self.mesh.element.name, self.n_points, self.cells_shape)
+            for s in self.snapshots
+        ]
         text = XDMF_TEXT.format(grids="\n".join(grids))
         on_root(self.mesh.comm, write_text, self.directory / XDMF, text)
 
 
 def read_snapshots(directory):
-    """Return the Snapshots (step, time, path, shapes) written in the directory, in the order of time.
+    """Return the Snapshots (step, time, path, shapes) written in the directory, in the order of
+    time.
 
-    Files with other names than those of a step are not looked at.  Raises InputError when one cannot be read.
+    Files with other names than those of a step are not looked at.  Raises InputError when one
+    cannot be read.
     """
     paths = sorted((Path(directory) / FOLDER).glob("*.h5"))
     return sorted(_snapshot(path) for path in paths if STEP.fullmatch(path.name))
@@ -95,9 +109,14 @@ def read_snapshots(directory):
 
 def _snapshot(path):
     attributes, shapes = read_attributes(path)
-    step, time = attributes.get("step"), attributes.get("time")
+    step = attributes.get("step")
+    time = attributes.get("time")
     numbers = isinstance(step, np.integer) and isinstance(time, np.floating) and np.isfinite(time)
-    if not numbers or step != int(path.stem) or not all(shape and shape[1:] in ATTRIBUTE_TYPE for shape in shapes.values()):
+    if (
+        not numbers
+        or step != int(path.stem)
+        or not all(shape and shape[1:] in ATTRIBUTE_TYPE for shape in shapes.values())
+    ):
         text = "an HDF5 file, but not the fields of the step in its name as porofsi writes them"
         raise InputError(f"{path}: {text}; move it away")
     return Snapshot(int(step), float(time), path, shapes)
@@ -139,20 +158,32 @@ XDMF_TEXT = """<?xml version="1.0" ?>
 def _grid(snapshot, element, n_points, cells_shape):
     mesh = f"{FOLDER}/mesh.h5"
     lines = [
-        f'<Grid Name="step {snapshot.step}" GridType="Uniform"><Time Value="{snapshot.time:.17g}"/>',
+        (
+            f'<Grid Name="step {snapshot.step}" GridType="Uniform"><Time'
+            f' Value="{snapshot.time:.17g}"/>'
+        ),
         f'<Topology TopologyType="{TOPOLOGY[element]}" NumberOfElements="{cells_shape[0]}">'
         f"{_item(f'{mesh}:/cells', cells_shape, 'Int', 8)}</Topology>",
-        f'<Geometry GeometryType="XYZ">{_item(f"{mesh}:/points", (n_points, 3), "Float", 8)}</Geometry>',
+        (
+            "<Geometry"
+            f' GeometryType="XYZ">{_item(f"{mesh}:/points", (n_points, 3), "Float", 8)}</Geometry>'
+        ),
         f'<Attribute Name="region" AttributeType="Scalar" Center="Cell">'
         f"{_item(f'{mesh}:/region', cells_shape[:1], 'Int', 4)}</Attribute>",
     ]
     for name, shape in sorted(snapshot.shapes.items()):
         item = _item(f"{FOLDER}/{snapshot.path.name}:/{name}", shape, "Float", 8)
         kind = ATTRIBUTE_TYPE[tuple(shape[1:])]
-        lines.append(f'<Attribute Name={quoteattr(name)} AttributeType="{kind}" Center="Node">{item}</Attribute>')
+        lines.append(
+            f'<Attribute Name={quoteattr(name)} AttributeType="{kind}"'
+            f' Center="Node">{item}</Attribute>'
+        )
     return "\n".join(lines) + "\n</Grid>"
 
 
 def _item(location, shape, kind, precision):
     dimensions = " ".join(map(str, shape))
-    return f'<DataItem DataType="{kind}" Precision="{precision}" Dimensions="{dimensions}" Format="HDF">{location}</DataItem>'
+    return (
+        f'<DataItem DataType="{kind}" Precision="{precision}" Dimensions="{dimensions}"'
+        f' Format="HDF">{location}</DataItem>'
+    )

@@ -40,9 +40,10 @@ PANELS_WITHOUT_TIMES = 4
 def make_figures(directory):
     """Draw the figures of a run into its directory; return the paths written.
 
-    They are pressure.png, velocity.png, displacement.png, histories.png, paths.png and reference.png; those without data (no
-    fields or no history written, no path or no reference asked for, no free fluid) are left out.  On the calling rank only.
-    Raises InputError when the directory is not a result directory.
+    They are pressure.png, velocity.png, displacement.png, histories.png, paths.png and
+    reference.png; those without data (no fields or no history written, no path or no reference
+    asked for, no free fluid) are left out.  On the calling rank only. Raises InputError when the
+    directory is not a result directory.
     """
     directory = Path(directory)
     scene = _scene(directory)
@@ -52,45 +53,71 @@ def make_figures(directory):
 def make_curves(directory):
     """Draw the figures of `make_figures` that need no fields, which are as large as the mesh."""
     directory = Path(directory)
-    return _history_figures(directory, _scene(directory).get("figures", {})) + _reference_figure(directory)
+    return _history_figures(directory, _scene(directory).get("figures", {})) + _reference_figure(
+        directory
+    )
 
 
 def _scene(directory):
     scene = directory / "scene.toml"
     if not scene.is_file():
-        raise InputError(f"{directory}: no scene.toml there, expected the result directory of a run; give the DIR of porofsi run")
+        raise InputError(
+            f"{directory}: no scene.toml there, expected the result directory of a run; give the"
+            " DIR of porofsi run"
+        )
     try:
         return parse_toml(scene.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as failure:
         text = f"damaged, expected the scene in TOML that porofsi run wrote ({failure})"
-        raise InputError(f"{scene}: {text}; write it again with porofsi run … --restart") from failure
+        raise InputError(
+            f"{scene}: {text}; write it again with porofsi run … --restart"
+        ) from failure
 
 
 def _field_figures(directory, scene, settings):
     snapshots = choose_snapshots(read_snapshots(directory), settings.get("times", []))
     if not snapshots or not (directory / FOLDER / "mesh.h5").is_file():
         return []
-    media, cut, written = media_of(scene, read_regions(directory)), settings.get("cut"), []
+    media = media_of(scene, read_regions(directory))
+    cut = settings.get("cut")
+    written = []
     for picture in PICTURES:
         shown = [region for region, medium in media.items() if medium in picture.media]
         if shown and all(picture.field in s.shapes for s in snapshots):
             surface = read_surface(directory, cut, shown)
             rest = media.keys() - set(shown) if picture.with_solid else None
             backdrop = read_surface(directory, cut, rest) if rest else None
-            magnification = settings.get("deformation_scale") or deformation_scale(snapshots, surface)
+            magnification = settings.get("deformation_scale") or deformation_scale(
+                snapshots, surface
+            )
             values = [picture.values(s, surface) for s in snapshots]
-            path, label = directory / f"{picture.name}.png", (picture.text(media), picture.unit)
-            written.append(save_figure(path, draw_field, snapshots, values, surface, label, magnification, backdrop))
+            path = directory / f"{picture.name}.png"
+            label = (picture.text(media), picture.unit)
+            written.append(
+                save_figure(
+                    path, draw_field, snapshots, values, surface, label, magnification, backdrop
+                )
+            )
     return written
 
 
 def media_of(scene, regions):
-    """Return region -> "porous", "fluid" or "solid" by the materials of a scene (dict of its TOML)."""
+    """Return region -> "porous", "fluid" or "solid" by the materials of a scene (dict of its
+    TOML).
+    """
     found = dict.fromkeys(regions, "porous")
     for material in scene.get("material", []):
-        medium = "porous" if material.get("solid") and material.get("fluid") else "fluid" if material.get("fluid") else "solid"
+        medium = (
+            "porous"
+            if material.get("solid") and material.get("fluid")
+            else "fluid"
+            if material.get("fluid")
+            else "solid"
+        )
         named = material["region"]
-        found |= {region: medium for region in regions if region in named or named in ("all", ["all"])}
+        found |= {
+            region: medium for region in regions if region in named or named in ("all", ["all"])
+        }
     return found
 
 
@@ -110,7 +137,8 @@ def _magnitude(snapshot, surface):
 class Picture:
     """A field drawn where the media have it.
 
-    values : (snapshot, surface) -> (N,) in SI; words : label by medium; with_solid : what is left of the mesh is drawn in grey
+    values : (snapshot, surface) -> (N,) in SI; words : label by medium; with_solid : what is left
+    of the mesh is drawn in grey
     """
 
     name: str
@@ -131,19 +159,37 @@ class Picture:
 
 
 PICTURES = (
-    Picture("pressure", "pressure", _pressure, "Pa", {"fluid": "pressure", "porous": "pore pressure"}, True),
+    Picture(
+        "pressure",
+        "pressure",
+        _pressure,
+        "Pa",
+        {"fluid": "pressure", "porous": "pore pressure"},
+        True,
+    ),
     Picture("velocity", "fluid velocity", _speed, "m/s", {"fluid": "speed of the fluid"}, True),
-    Picture("displacement", "displacement", _magnitude, "m", dict.fromkeys(("porous", "solid"), "displacement magnitude"), False),
+    Picture(
+        "displacement",
+        "displacement",
+        _magnitude,
+        "m",
+        dict.fromkeys(("porous", "solid"), "displacement magnitude"),
+        False,
+    ),
 )
 
 
 def choose_snapshots(snapshots, times):
-    """Return the snapshots nearest to the times [s], each once; without times up to four evenly spaced ones."""
+    """Return the snapshots nearest to the times [s], each once; without times up to four evenly
+    spaced ones.
+    """
     if not snapshots:
         return []
     if len(times) == 0:
         skip = max(len(snapshots) - PANELS_WITHOUT_TIMES, 0) / PANELS_WITHOUT_TIMES
-        chosen = np.linspace(skip, len(snapshots) - 1, min(len(snapshots), PANELS_WITHOUT_TIMES)).round()
+        chosen = np.linspace(
+            skip, len(snapshots) - 1, min(len(snapshots), PANELS_WITHOUT_TIMES)
+        ).round()
     else:
         chosen = [np.abs([s.time - t for s in snapshots]).argmin() for t in times]
     return [snapshots[i] for i in sorted({int(i) for i in chosen})]
@@ -156,7 +202,11 @@ def _history_figures(directory, settings):
     if len(history["t"]) < 2:
         return []
     written = [save_figure(directory / "histories.png", draw_histories, history)]
-    probes = [name for name in settings.get("paths", []) if f"{name}.u_x" in history and f"{name}.u_y" in history]
+    probes = [
+        name
+        for name in settings.get("paths", [])
+        if f"{name}.u_x" in history and f"{name}.u_y" in history
+    ]
     if probes:
         written.append(save_figure(directory / "paths.png", draw_paths, history, probes))
     return written
@@ -165,7 +215,9 @@ def _history_figures(directory, settings):
 def _reference_figure(directory):
     if not (directory / PROFILES).is_file():
         return []
-    return [save_figure(directory / "reference.png", draw_profiles, read_profiles(directory / PROFILES))]
+    return [
+        save_figure(directory / "reference.png", draw_profiles, read_profiles(directory / PROFILES))
+    ]
 
 
 def save_figure(path, draw, *arguments):

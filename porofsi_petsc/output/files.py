@@ -21,7 +21,9 @@ def raise_everywhere(comm, error):
 
 
 def on_root(comm, action, *arguments):
-    """Call the action on rank 0 and return its result, or raise its error, on every rank; collective."""
+    """Call the action on rank 0 and return its result, or raise its error, on every rank;
+    collective.
+    """
     result = error = None
     if comm.rank == 0:
         try:
@@ -35,7 +37,9 @@ def on_root(comm, action, *arguments):
 
 
 def on_all(comm, action):
-    """Call the action on every rank and return its result there, or raise the first rank's InputError on all; collective."""
+    """Call the action on every rank and return its result there, or raise the first rank's
+    InputError on all; collective.
+    """
     result = error = None
     try:
         result = action()
@@ -51,7 +55,10 @@ def writing_error(failure, path=None):
     """Return the PorofsiError that states which file could not be written and why."""
     path = path or failure.filename or "the output directory"
     reason = failure.strerror or str(failure)
-    return PorofsiError(f"{path}: could not be written ({reason}); free some space, or give another directory with --output")
+    return PorofsiError(
+        f"{path}: could not be written ({reason}); free some space, or give another directory with"
+        " --output"
+    )
 
 
 def temporary_name(path):

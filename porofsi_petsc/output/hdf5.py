@@ -1,7 +1,8 @@
-"""The one way to write and read HDF5: every rank gives or takes consecutive rows (its slab) of each dataset.
+"""The one way to write and read HDF5: every rank gives or takes consecutive rows (its slab) of each
+dataset.
 
-With an MPI build of h5py every rank writes its contiguous slab; else rank 0 receives and writes one slab at a time,
-so that no rank ever holds a whole dataset.
+With an MPI build of h5py every rank writes its contiguous slab; else rank 0 receives and writes one
+slab at a time, so that no rank ever holds a whole dataset.
 """
 
 import errno
@@ -22,14 +23,18 @@ STRUCTURE = 1 << 16  # [bytes] more than the structure of a file takes beside da
 def write_slabs(path, comm, slabs, attributes=None, front=None):
     """Write one dataset per name from the rows of all ranks, in the order of the ranks; collective.
 
-    slabs : dict name -> (rows of this rank, ...); the same names, trailing shapes and types on every rank.
-    attributes : dict name -> number, string or list of strings, stored at the root of the file (equal on every rank).
+    slabs : dict name -> (rows of this rank, ...); the same names, trailing shapes and types on
+    every rank.
+    attributes : dict name -> number, string or list of strings, stored at the root of the file
+    (equal on every rank).
     front : bytes that are left free at the start of the file, a power of two from 512 on, or None.
-    The file appears under its name when it is complete, never earlier; one that cannot be completed is removed, so that its
-    space is free again.  Raises PorofsiError when it cannot be written.
+    The file appears under its name when it is complete, never earlier; one that cannot be completed
+    is removed, so that its space is free again.  Raises PorofsiError when it cannot be written.
     """
     slabs = {name: np.ascontiguousarray(slab) for name, slab in slabs.items()}
-    counts = np.array(comm.allgather([len(slab) for slab in slabs.values()]), dtype=int).reshape(comm.size, -1)
+    counts = np.array(comm.allgather([len(slab) for slab in slabs.values()]), dtype=int).reshape(
+        comm.size, -1
+    )
     parallel = h5py.get_config().mpi and comm.size > 1
     write = _write_together if parallel else _write_through_root
     write(temporary_name(path), comm, slabs, counts, attributes or {}, front)
@@ -37,7 +42,10 @@ def write_slabs(path, comm, slabs, attributes=None, front=None):
 
 
 def _write_together(path, comm, slabs, counts, attributes, front):
-    sizes = [column.sum() * slab[:1].nbytes for slab, column in zip(slabs.values(), counts.T, strict=True)]
+    sizes = [
+        column.sum() * slab[:1].nbytes
+        for slab, column in zip(slabs.values(), counts.T, strict=True)
+    ]
     text = sum(len(str(value)) for value in attributes.values())
     on_root(comm, _require_room, path, comm.allreduce(sum(sizes), MPI.MAX) + text + STRUCTURE)
     try:
@@ -52,19 +60,24 @@ def _write_together(path, comm, slabs, counts, attributes, front):
             if column.min():
                 with dataset.collective:
                     dataset[start : start + len(slab)] = slab
-            elif len(slab):  # an empty selection would leave the collective write; ranks without rows are rare
+            elif len(
+                slab
+            ):  # an empty selection would leave the collective write; ranks without rows are rare
                 dataset[start : start + len(slab)] = slab
 
 
 def _require_room(path, size):
-    """Raise OSError where the file system has less than a size [bytes] left: HDF5 crashes when it meets a full disk."""
+    """Raise OSError where the file system has less than a size [bytes] left: HDF5 crashes when it
+    meets a full disk.
+    """
     status = os.statvfs(path.parent)
     if status.f_bavail * status.f_frsize < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 def _write_through_root(path, comm, slabs, counts, attributes, front):
-    pieces, error = _pieces(comm, slabs, counts), None
+    pieces = _pieces(comm, slabs, counts)
+    error = None
     if comm.rank == 0:
         try:
             _write_pieces(path, pieces, attributes, front)
@@ -87,7 +100,8 @@ def _write_pieces(path, pieces, attributes, front):
 
 
 class _PatientFile(io.FileIO):
-    """A file in which nothing fails: HDF5 ends with a segmentation fault after a write that did, on a full disk, say.
+    """A file in which nothing fails: HDF5 ends with a segmentation fault after a write that did, on
+    a full disk, say.
 
     error : the first OSError, after which the content is worthless, or None
     """
@@ -138,7 +152,9 @@ def _fill(patient, pieces, attributes, front):
 
 
 def _pieces(comm, slabs, counts):
-    """Yield (name, rows of the dataset, first row, rows) on rank 0, rank after rank; send the own rows on the others."""
+    """Yield (name, rows of the dataset, first row, rows) on rank 0, rank after rank; send the own
+    rows on the others.
+    """
     for (name, slab), column in zip(slabs.items(), counts.T, strict=True):
         if comm.rank:
             comm.Send(slab, dest=0)
@@ -159,17 +175,22 @@ def reading(path):
             yield file
     except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError) as failure:
         raise InputError(
-            f"{path}: could not be read, expected a complete HDF5 file written by porofsi; move it away"
+            f"{path}: could not be read, expected a complete HDF5 file written by porofsi; move it"
+            " away"
         ) from failure
 
 
 def read_slab(path, name, start=0, stop=None):
-    """Return the rows start … stop - 1 (all by default) of a dataset; each rank reads for itself.  Raises InputError."""
+    """Return the rows start … stop - 1 (all by default) of a dataset; each rank reads for itself.
+    Raises InputError.
+    """
     with reading(path) as file:
         return file[name][start:stop]
 
 
 def read_attributes(path):
-    """Return the attributes at the root of the file and the shape of every dataset.  Raises InputError."""
+    """Return the attributes at the root of the file and the shape of every dataset.  Raises
+    InputError.
+    """
     with reading(path) as file:
         return dict(file.attrs), {name: dataset.shape for name, dataset in file.items()}

@@ -19,29 +19,36 @@ class History:
 
     def __init__(self, directory, columns, comm):
         """Start an empty history with the header t, columns, coupling_iterations."""
-        self.comm, self.columns, self.last = comm, list(columns), None
+        self.comm = comm
+        self.columns = list(columns)
+        self.last = None
         self.path = Path(directory) / NAME
         on_root(comm, write_text, self.path, _header(self.columns))
         self._open()
 
     @classmethod
     def resume(cls, directory, columns, comm, time):
-        """Continue the history of a directory: rows later than the time [s] and a torn last line are cut atomically.
+        """Continue the history of a directory: rows later than the time [s] and a torn last line
+        are cut atomically.
 
-        Without a history.csv in the directory an empty one is started.  Raises InputError when its columns are others, or a row
-        is damaged; then the file stays as it is.
+        Without a history.csv in the directory an empty one is started.  Raises InputError when its
+        columns are others, or a row is damaged; then the file stays as it is.
         """
         path = Path(directory) / NAME
         if not on_root(comm, path.exists):
             return cls(directory, columns, comm)
         history = object.__new__(cls)
-        history.comm, history.columns, history.path = comm, list(columns), path
+        history.comm = comm
+        history.columns = list(columns)
+        history.path = path
         history.last = on_root(comm, _cut, path, history.columns, time)
         history._open()
         return history
 
     def append(self, time, values, coupling_iterations):
-        """Add a row: time [s], one value per column, number of coupling iterations; flushed at once."""
+        """Add a row: time [s], one value per column, number of coupling iterations; flushed at
+        once.
+        """
         on_root(self.comm, self._write_row, time, values, coupling_iterations)
 
     def close(self):
@@ -73,12 +80,16 @@ def _complete_lines(path):
     try:
         text = Path(path).read_bytes().decode("utf-8", errors="replace")
     except OSError as failure:
-        raise InputError(f"{path}: could not be read ({failure.strerror}); check the file and its permissions") from failure
+        raise InputError(
+            f"{path}: could not be read ({failure.strerror}); check the file and its permissions"
+        ) from failure
     return text.split("\n")[:-1] or [""]
 
 
 def _numbers(path, header, rows):
-    """Return the numbers of the rows, (rows, columns); raise InputError where there is something else."""
+    """Return the numbers of the rows, (rows, columns); raise InputError where there is something
+    else.
+    """
     width = len(header.split(","))
     try:
         values = np.array([row.split(",") for row in rows], dtype=float).reshape(len(rows), width)
@@ -87,7 +98,9 @@ def _numbers(path, header, rows):
     except ValueError:
         pass
     i, row = next((i, row) for i, row in enumerate(rows) if not _is_row(row, width))
-    raise InputError(f"{path}: line {i + 2} is {shown(row)}, expected {width} numbers, the time first; {ADVICE}")
+    raise InputError(
+        f"{path}: line {i + 2} is {shown(row)}, expected {width} numbers, the time first; {ADVICE}"
+    )
 
 
 def _is_row(row, width):
@@ -99,7 +112,9 @@ def _is_row(row, width):
 
 
 def _cut(path, columns, time):
-    """Cut the rows later than a time, and return the time of the last one that is kept, None without one."""
+    """Cut the rows later than a time, and return the time of the last one that is kept, None
+    without one.
+    """
     header, *rows = _complete_lines(path)
     expected = _header(columns).strip()
     if header != expected:
@@ -120,9 +135,15 @@ def read_history(path):
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file, expected the history.csv of a run; give the result directory of a run")
+        raise InputError(
+            f"{path}: no such file, expected the history.csv of a run; give the result directory of"
+            " a run"
+        )
     header, *rows = _complete_lines(path)
     names = header.split(",")
     if names[0] != "t":
-        raise InputError(f"{path}: not a history: expected a header t,… and rows of as many numbers; run the scene again")
+        raise InputError(
+            f"{path}: not a history: expected a header t,… and rows of as many numbers; run the"
+            " scene again"
+        )
     return dict(zip(names, _numbers(path, header, rows).T, strict=True))

@@ -27,7 +27,9 @@ SYMBOLS = (
 
 
 def kinds_of(history):
-    """Return dict kind -> list of its columns, in the order of KINDS; columns are named <probe>.<quantity>."""
+    """Return dict kind -> list of its columns, in the order of KINDS; columns are named
+    <probe>.<quantity>.
+    """
     columns = [name for name in history if "." in name]
     grouped = {kind: [c for c in columns if quantity(c).split("_")[0] == kind] for kind in KINDS}
     return {kind: members for kind, members in grouped.items() if members}
@@ -44,7 +46,9 @@ def quantity(column):
 
 
 def draw_histories(figure, history):
-    """Draw one panel per kind of quantity over time and a small one with the coupling iterations."""
+    """Draw one panel per kind of quantity over time and a small one with the coupling
+    iterations.
+    """
     kinds = kinds_of(history)
     heights = [1.0] * len(kinds) + [0.45]
     figure.set_size_inches(WIDTH, 2.1 * sum(heights) + 0.5)
@@ -62,7 +66,12 @@ def _draw_kind(ax, history, kind, columns):
     factor, unit = _unit(history, columns, f"{unit}/m" if per_thickness else unit)
     where = "on" if kind == "f" else "at"
     for column, style in zip(columns, cycle(["-", "--", "-.", ":"]), strict=False):
-        ax.plot(history["t"], factor * history[column], style, label=f"${SYMBOLS[quantity(column)]}$ {where} {probe(column)}")
+        ax.plot(
+            history["t"],
+            factor * history[column],
+            style,
+            label=f"${SYMBOLS[quantity(column)]}$ {where} {probe(column)}",
+        )
     if kind != "n":
         ax.axhline(0.0, color="0.6", linewidth=0.5, zorder=0)
     ax.set_ylabel(f"{text} [{unit}]" if unit else text)
@@ -96,9 +105,11 @@ def draw_paths(figure, history, probes):
 
 
 def _draw_path(ax, history, name):
-    across, up = f"{name}.u_x", f"{name}.u_y"
+    across = f"{name}.u_x"
+    up = f"{name}.u_y"
     factor, unit = _unit(history, [across, up], "m")
-    x, y = factor * history[across], factor * history[up]
+    x = factor * history[across]
+    y = factor * history[up]
     ax.plot(x, y, color="C0")
     ax.plot(x[:1], y[:1], "o", color="C2", label=f"$t$ = {history['t'][0]:.4g} s")
     ax.plot(x[-1:], y[-1:], "s", color="C3", label=f"$t$ = {history['t'][-1]:.4g} s")

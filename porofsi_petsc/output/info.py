@@ -31,13 +31,17 @@ SHORT_SUMMARY = (
 
 
 def describe(path):
-    """Return a short text about a checkpoint, a summary.json, a history.csv, a mesh file or a result directory.
+    """Return a short text about a checkpoint, a summary.json, a history.csv, a mesh file or a
+    result directory.
 
     Raises InputError when there is no such file or it is none of these.
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(f"{path}: no such file; give a checkpoint, a summary.json, a mesh file or a result directory")
+        raise InputError(
+            f"{path}: no such file; give a checkpoint, a summary.json, a mesh file or a result"
+            " directory"
+        )
     if path.is_dir():
         return _describe_directory(path)
     if path.suffix == ".json":
@@ -56,10 +60,22 @@ def _table(title, rows):
 
 def _describe_checkpoint(path):
     header = checkpoint.open_checkpoint(path, MPI.COMM_SELF)
-    rows = [("step", header.get("step")), ("time", f"{header.get('time')} s"), ("scene", _title(header.get("scene")))]
-    rows += [("checksum", "right" if header["sealed"] else "none, an earlier version wrote the file")]
-    rows += [(key.replace("_", " "), header[key]) for key in ("ranks", "nodes", "mesh_hash", "format_version")]
-    rows += [(f"array {name}", " x ".join(map(str, array.shape))) for name, array in header["arrays"].items()]
+    rows = [
+        ("step", header.get("step")),
+        ("time", f"{header.get('time')} s"),
+        ("scene", _title(header.get("scene"))),
+    ]
+    rows += [
+        ("checksum", "right" if header["sealed"] else "none, an earlier version wrote the file")
+    ]
+    rows += [
+        (key.replace("_", " "), header[key])
+        for key in ("ranks", "nodes", "mesh_hash", "format_version")
+    ]
+    rows += [
+        (f"array {name}", " x ".join(map(str, array.shape)))
+        for name, array in header["arrays"].items()
+    ]
     return _table(f"checkpoint {path}", rows)
 
 
@@ -75,7 +91,9 @@ def _describe_summary(path):
         content = json.loads(path.read_text(encoding="utf-8"))
         rows = [(key, _value(content, key)) for key in SHORT_SUMMARY]
     except (ValueError, KeyError, TypeError) as failure:
-        raise InputError(f"{path}: not a summary.json written by porofsi; give the one in a result directory") from failure
+        raise InputError(
+            f"{path}: not a summary.json written by porofsi; give the one in a result directory"
+        ) from failure
     rows += [(f"expect {r['quantity']}", _verdict(r)) for r in content["expectations"]]
     return _table(f"summary {path}", rows)
 
@@ -92,14 +110,19 @@ def _verdict(record):
     if record["passed"] is None:
         return f"skipped: {record['reason']}"
     verdict = "passed" if record["passed"] else "FAILED"
-    return f"{verdict}: {record['value']:.6g}, expected {record['reference']:.6g}, error {record['error']:.2g}"
+    return (
+        f"{verdict}: {record['value']:.6g}, expected {record['reference']:.6g}, error"
+        f" {record['error']:.2g}"
+    )
 
 
 def _describe_history(path):
     columns = history.read_history(path)
     t = columns["t"]
     span = f"{t[0]:.6g} s to {t[-1]:.6g} s" if len(t) else "empty"
-    return _table(f"history {path}", [("rows", len(t)), ("time", span), ("columns", ", ".join(columns))])
+    return _table(
+        f"history {path}", [("rows", len(t)), ("time", span), ("columns", ", ".join(columns))]
+    )
 
 
 def _describe_directory(path):
@@ -117,7 +140,9 @@ def _describe_directory(path):
         rows = [("times", f"{len(snapshots)}, {span}"), ("names", ", ".join(snapshots[-1].shapes))]
         parts.append(_table(f"fields {path / 'fields.xdmf'}", rows))
     if not parts:
-        raise InputError(f"{path}: holds no results of porofsi; give the DIR of porofsi run, or a file")
+        raise InputError(
+            f"{path}: holds no results of porofsi; give the DIR of porofsi run, or a file"
+        )
     return "\n".join(parts)
 
 
@@ -127,11 +152,21 @@ def _describe_mesh(path):
         ("dimension", mesh.dim),
         ("cells", f"{len(mesh.cells)} {mesh.element.name}"),
         ("nodes", len(mesh.points)),
-        ("box", " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(mesh.points.min(0), mesh.points.max(0), strict=True)) + " m"),
+        (
+            "box",
+            " x ".join(
+                f"[{a:g}, {b:g}]"
+                for a, b in zip(mesh.points.min(0), mesh.points.max(0), strict=True)
+            )
+            + " m",
+        ),
         ("hash", mesh.hash),
     ]
     counts = np.bincount(mesh.cell_region, minlength=len(mesh.regions))
-    rows += [(f"region {name}", f"{count} cells") for name, count in zip(mesh.regions, counts, strict=True)]
+    rows += [
+        (f"region {name}", f"{count} cells")
+        for name, count in zip(mesh.regions, counts, strict=True)
+    ]
     rows += [(f"tag {tag}", f"{len(facets)} facets") for tag, facets in mesh.facets.items()]
     return _table(f"mesh {path}", rows)
 

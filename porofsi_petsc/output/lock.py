@@ -1,4 +1,6 @@
-"""The lock of a result directory: one run writes there at a time, and a killed one leaves nothing that is in the way."""
+"""The lock of a result directory: one run writes there at a time, and a killed one leaves nothing
+that is in the way.
+"""
 
 import errno
 import fcntl
@@ -12,20 +14,30 @@ from pathlib import Path
 from ..errors import InputError
 
 NAME = ".lock"
-_OURS = re.compile(rb"(process \d+ on \S*\n)?")  # all that a lock file holds, also that of a killed run
+_OURS = re.compile(
+    rb"(process \d+ on \S*\n)?"
+)  # all that a lock file holds, also that of a killed run
 _LONGEST = 400  # bytes read of it, more than a name of a machine has
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-_NO_FILE = (errno.ELOOP, errno.EMLINK, errno.EISDIR, errno.ENXIO)  # a link (two spellings), a folder, a socket
+_NO_FILE = (
+    errno.ELOOP,
+    errno.EMLINK,
+    errno.EISDIR,
+    errno.ENXIO,
+)  # a link (two spellings), a folder, a socket
 
 
 class Lock:
-    """A lock on a file of a directory, which the system takes back when the process ends, however it does.
+    """A lock on a file of a directory, which the system takes back when the process ends, however
+    it does.
 
     Linux carries it over NFS too.  A file system without locks gives none: there nobody is refused.
     """
 
     def __init__(self, directory: Path):
-        """Take the lock; raise InputError that names the process which holds it, or a file that is no lock."""
+        """Take the lock; raise InputError that names the process which holds it, or a file that is
+        no lock.
+        """
         self._path = directory / NAME
         self._file = _locked(self._path)
         self._file.truncate(0)
@@ -39,7 +51,9 @@ class Lock:
 
 
 def _locked(path):
-    """Return the open file at a path, locked; the one opened may have been removed by its holder before it was locked."""
+    """Return the open file at a path, locked; the one opened may have been removed by its holder
+    before it was locked.
+    """
     while True:
         file = _opened(path)
         try:
@@ -75,7 +89,9 @@ def _acquire(path, file):
 
 
 def _require_ours(path, file):
-    """Raise InputError where a file is not what a run leaves: the user's own is neither overwritten nor removed."""
+    """Raise InputError where a file is not what a run leaves: the user's own is neither overwritten
+    nor removed.
+    """
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode) or not _OURS.fullmatch(_content(file)):
         raise _foreign(path)
 
@@ -87,14 +103,14 @@ def _content(file):
 
 def _foreign(path):
     return InputError(
-        f"{path}: received a link or a file that no run has written, expected none, since a run keeps its lock there; "
-        "move it, or give another directory with --output"
+        f"{path}: received a link or a file that no run has written, expected none, since a run"
+        " keeps its lock there; move it, or give another directory with --output"
     )
 
 
 def _refusal(path, file):
     holder = _content(file).decode(errors="replace").strip() or "another process"
     return (
-        f"{path.parent}: a run is writing there ({holder}), expected a directory of its own for each; "
-        "wait for its end, or give another directory with --output"
+        f"{path.parent}: a run is writing there ({holder}), expected a directory of its own for"
+        " each; wait for its end, or give another directory with --output"
     )

@@ -1,11 +1,15 @@
-"""Values at reference points: where each lies is found once, the values are shape functions times nodal values."""
+"""Values at reference points: where each lies is found once, the values are shape functions times
+nodal values.
+"""
 
 import numpy as np
 from mpi4py import MPI
 
 from ..errors import InputError, digits
 
-TOLERANCE = 1e-8  # of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
+TOLERANCE = (
+    1e-8  # of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
+)
 NEWTON_STEPS = 20
 NOWHERE = np.iinfo(np.int64).max
 
@@ -13,18 +17,23 @@ NOWHERE = np.iinfo(np.int64).max
 class Probes:
     """Points fixed to the reference configuration.
 
-    When several elements hold a point the one of the smallest natural number is taken, preferred ones first, so that the values
-    do not depend on the number of ranks.
+    When several elements hold a point the one of the smallest natural number is taken, preferred
+    ones first, so that the values do not depend on the number of ranks.
     """
 
     def __init__(self, mesh, points, preferred=None):
         """Locate the points; collective.
 
-        points : list of (name, coordinates (d,) [m]); preferred : (cells,) bool.  Raises InputError for a point outside.
+        points : list of (name, coordinates (d,) [m]); preferred : (cells,) bool.  Raises InputError
+        for a point outside.
         """
         self.comm = mesh.comm
         self.names = [name for name, _ in points]
-        later = np.zeros(len(mesh.cells), dtype=int) if preferred is None else mesh.n_cells_global * ~preferred
+        later = (
+            np.zeros(len(mesh.cells), dtype=int)
+            if preferred is None
+            else mesh.n_cells_global * ~preferred
+        )
         rank = mesh.cell_natural + later
         found = [_locate(mesh, rank, np.asarray(point, dtype=float)) for _, point in points]
         natural = np.array([cell for cell, _, _ in found], dtype=np.int64)
@@ -32,7 +41,9 @@ class Probes:
         self.comm.Allreduce(natural, winner, op=MPI.MIN)
         _refuse_outside(mesh, points, winner)
         self._rows = np.flatnonzero(natural == winner)
-        self._nodes = np.array([found[i][1] for i in self._rows], dtype=int).reshape(-1, mesh.element.nodes)
+        self._nodes = np.array([found[i][1] for i in self._rows], dtype=int).reshape(
+            -1, mesh.element.nodes
+        )
         self._shape = np.array([found[i][2] for i in self._rows]).reshape(-1, mesh.element.nodes)
 
     def evaluate(self, array):
@@ -49,12 +60,15 @@ class Probes:
 
 
 def _locate(mesh, rank, point):
-    """Return rank, nodes (A,) and N (A,) of the owned cell of lowest rank (cells,) that holds the point (NOWHERE: none does)."""
+    """Return rank, nodes (A,) and N (A,) of the owned cell of lowest rank (cells,) that holds the
+    point (NOWHERE: none does).
+    """
     cells = np.flatnonzero(mesh.cell_owned)
     cells = cells[_near(mesh.X[mesh.cells[cells]], point)]
     xi = _reference_coordinates(mesh.element, mesh.X[mesh.cells[cells]], point)
     inside = (xi.min(axis=1, initial=np.inf) >= -TOLERANCE) & (xi.sum(axis=1) <= 1 + TOLERANCE)
-    cells, xi = cells[inside], xi[inside]
+    cells = cells[inside]
+    xi = xi[inside]
     if len(cells) == 0:
         return NOWHERE, None, None
     first = np.argmin(rank[cells])
@@ -62,16 +76,21 @@ def _locate(mesh, rank, point):
 
 
 def _near(X, point):
-    """Mark the elements, X (E, A, d), whose box, widened by half its size for curved sides, holds the point."""
-    low, high = X.min(axis=1), X.max(axis=1)
+    """Mark the elements, X (E, A, d), whose box, widened by half its size for curved sides, holds
+    the point.
+    """
+    low = X.min(axis=1)
+    high = X.max(axis=1)
     margin = 0.5 * (high - low).max(axis=1, keepdims=True)
     return np.all((point >= low - margin) & (point <= high + margin), axis=1)
 
 
 def _reference_coordinates(element, X, point):
-    """Return xi (E, d) with sum_a N_a(xi) X_a = point: one Newton step for order 1, to convergence for order 2.
+    """Return xi (E, d) with sum_a N_a(xi) X_a = point: one Newton step for order 1, to convergence
+    for order 2.
 
-    A Newton iteration that diverges ends in coordinates outside of the element or in NaN, which is outside too.
+    A Newton iteration that diverges ends in coordinates outside of the element or in NaN, which is
+    outside too.
     """
     xi = np.full((len(X), element.dim), 1.0 / (element.dim + 1))
     with np.errstate(all="ignore"):
@@ -94,11 +113,15 @@ def _solve(J, residual):
 
 
 def _refuse_outside(mesh, points, winner):
-    low, high = mesh.X.min(axis=0, initial=np.inf), mesh.X.max(axis=0, initial=-np.inf)
+    low = mesh.X.min(axis=0, initial=np.inf)
+    high = mesh.X.max(axis=0, initial=-np.inf)
     mesh.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     mesh.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     for (name, point), cell in zip(points, winner, strict=True):
         if cell == NOWHERE:
             box = " x ".join(f"[{digits(a)}, {digits(b)}]" for a, b in zip(low, high, strict=True))
             where = ", ".join(digits(x) for x in point)
-            raise InputError(f"[[probe]] '{name}': at = [{where}] lies outside of the mesh, expected a point of it ({box} m)")
+            raise InputError(
+                f"[[probe]] '{name}': at = [{where}] lies outside of the mesh, expected a point of"
+                f" it ({box} m)"
+            )

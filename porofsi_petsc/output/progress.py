@@ -1,4 +1,6 @@
-"""What a person sees while the run goes on: a live line on a terminal, few plain lines elsewhere."""
+"""What a person sees while the run goes on: a live line on a terminal, few plain lines
+elsewhere.
+"""
 
 import sys
 import time as clock
@@ -9,9 +11,13 @@ SHARE_BETWEEN_LINES = 0.05
 
 
 class Progress:
-    """Shows time, step, coupling iterations and the wall time left; made on every rank, shown on rank 0."""
+    """Shows time, step, coupling iterations and the wall time left; made on every rank, shown on
+    rank 0.
+    """
 
-    def __init__(self, total_time, quiet=False, is_terminal=None, start_time=0.0, rank=0, stream=None):
+    def __init__(
+        self, total_time, quiet=False, is_terminal=None, start_time=0.0, rank=0, stream=None
+    ):
         """Start the display.
 
         total_time, start_time : last and first simulated time [s] (start_time after a restart).
@@ -19,7 +25,9 @@ class Progress:
         """
         stream = stream or sys.stdout
         is_terminal = stream.isatty() if is_terminal is None else is_terminal
-        self.start, self.end, self._first = start_time, total_time, None
+        self.start = start_time
+        self.end = total_time
+        self._first = None
         show = _nothing if quiet or rank else _live_line if is_terminal else _plain_lines
         self._show = show(stream)
         next(self._show)
@@ -32,7 +40,9 @@ class Progress:
         self._show.send((text, share))
 
     def _left(self, time):
-        """Return what is left by the pace since the first step, which compiles and makes all matrices."""
+        """Return what is left by the pace since the first step, which compiles and makes all
+        matrices.
+        """
         now = clock.monotonic()
         if self._first is None:
             self._first = time, now
@@ -51,22 +61,29 @@ def _nothing(stream):
 
 
 def _plain_lines(stream):
-    """Print a line when 5 % more of the time is done and 2 s have passed since the last one, and the last line."""
-    text, shown, last = None, None, (-1.0, float("-inf"))
+    """Print a line when 5 % more of the time is done and 2 s have passed since the last one, and
+    the last line.
+    """
+    text = None
+    shown = None
+    last = (-1.0, float("-inf"))
     try:
         while True:
             text, share = yield
             now = clock.monotonic()
             if share >= last[0] + SHARE_BETWEEN_LINES and now >= last[1] + SECONDS_BETWEEN_LINES:
                 _print(text, stream)
-                shown, last = text, (share, now)
+                shown = text
+                last = (share, now)
     finally:
         if text != shown:
             _print(text, stream)
 
 
 def _print(text, stream):
-    with suppress(OSError):  # a full disk or a reader that has gone: the results do not depend on this line
+    with suppress(
+        OSError
+    ):  # a full disk or a reader that has gone: the results do not depend on this line
         print(text, file=stream, flush=True)
 
 
@@ -75,7 +92,11 @@ def _live_line(stream):
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bar
 
-    columns = BarColumn(bar_width=20), TextColumn("{task.percentage:3.0f} %"), TextColumn("{task.description}")
+    columns = (
+        BarColumn(bar_width=20),
+        TextColumn("{task.percentage:3.0f} %"),
+        TextColumn("{task.description}"),
+    )
     with Bar(*columns, console=Console(file=stream, force_terminal=True)) as bar:
         task = bar.add_task("starting", total=1.0)
         while True:
@@ -86,4 +107,10 @@ def _live_line(stream):
 def _duration(seconds):
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {seconds:02d} s" if minutes else f"{seconds} s"
+    return (
+        f"{hours} h {minutes:02d} min"
+        if hours
+        else f"{minutes} min {seconds:02d} s"
+        if minutes
+        else f"{seconds} s"
+    )

@@ -1,7 +1,9 @@
-"""A checksum over all bytes of a file, kept in front of them, so that damage is found before anything else is read.
+"""A checksum over all bytes of a file, kept in front of them, so that damage is found before
+anything else is read.
 
-bytes 0 … 511      the front: TITLE, checksum in hexadecimal digits, line break, zeros (the user block of an HDF5 file)
-bytes 512 …        the content; its checksum is the SHA-256 of the SHA-256 of every 16 MiB, in their order
+bytes 0 … 511      the front: TITLE, checksum in hexadecimal digits, line break, zeros (the user
+block of an HDF5 file) bytes 512 …        the content; its checksum is the SHA-256 of the SHA-256 of
+every 16 MiB, in their order
 """
 
 import hashlib
@@ -20,7 +22,9 @@ TITLE = b"porofsi, SHA-256 of the SHA-256 of every 16 MiB from byte 512 on: "
 
 
 def seal(path: Path, comm: MPI.Comm):
-    """Write the checksum of a file into its front; collective.  Raises PorofsiError when it cannot be written."""
+    """Write the checksum of a file into its front; collective.  Raises PorofsiError when it cannot
+    be written.
+    """
     on_root(comm, _write_front, path, _front(path, comm))
 
 
@@ -38,7 +42,9 @@ def is_sealed(path: Path, comm: MPI.Comm) -> bool:
 
 
 def _front(path, comm):
-    """Return the front that belongs to the content of a file; every rank reads its share of it (collective)."""
+    """Return the front that belongs to the content of a file; every rank reads its share of it
+    (collective).
+    """
     everyone = comm.allgather(on_all(comm, lambda: _digests(path, comm.rank, comm.size)))
     blocks = range(sum(map(len, everyone)))
     whole = hashlib.sha256(b"".join(everyone[i % comm.size][i // comm.size] for i in blocks))
@@ -63,11 +69,15 @@ def _opened(path):
             yield file
     except OSError as failure:
         reason = failure.strerror or failure
-        raise InputError(f"{path}: could not be read ({reason}); check the file and its permissions") from failure
+        raise InputError(
+            f"{path}: could not be read ({reason}); check the file and its permissions"
+        ) from failure
 
 
 def _read(file, size):
-    """Return the next bytes, size of them where there are so many: a system call may return fewer."""
+    """Return the next bytes, size of them where there are so many: a system call may return
+    fewer.
+    """
     parts = []
     while size and (part := file.read(size)):
         parts.append(part)

@@ -7,17 +7,29 @@ STRONG = 15  # iterations at which the colour ends
 
 
 def draw_heat_maps(figure, panels, columns, rows):
-    """Draw one heat map per panel: title -> values (rows, columns); empty where NaN, a cross where infinite."""
+    """Draw one heat map per panel: title -> values (rows, columns); empty where NaN, a cross where
+    infinite.
+    """
     across = min(len(panels), 4)
     down = -(-len(panels) // across)
     figure.set_size_inches(PANEL * across + 0.8, PANEL * down + 0.4)
     axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
     for ax, (title, values) in zip(axes.flat, panels.items(), strict=False):
-        image = ax.imshow(np.minimum(values, STRONG), cmap="viridis_r", vmin=1, vmax=STRONG, aspect="auto")
+        image = ax.imshow(
+            np.minimum(values, STRONG), cmap="viridis_r", vmin=1, vmax=STRONG, aspect="auto"
+        )
         for (i, j), value in np.ndenumerate(values):
             if not np.isnan(value):
                 text = f"{value:.0f}" if np.isfinite(value) else "×"
-                ax.text(j, i, text, ha="center", va="center", fontsize=7, color="w" if value > 0.6 * STRONG else "k")
+                ax.text(
+                    j,
+                    i,
+                    text,
+                    ha="center",
+                    va="center",
+                    fontsize=7,
+                    color="w" if value > 0.6 * STRONG else "k",
+                )
         ax.set_title(title)
         ax.set_xticks(range(len(columns)), columns, rotation=60)
         ax.set_yticks(range(len(rows)), rows)
@@ -31,10 +43,14 @@ def draw_heat_maps(figure, panels, columns, rows):
 
 
 def draw_work_precision(figure, series, front):
-    """Draw error over wall time, with the Pareto front, and over unknowns; series : label -> rows with these columns."""
+    """Draw error over wall time, with the Pareto front, and over unknowns; series : label -> rows
+    with these columns.
+    """
     figure.set_size_inches(2.7 * PANEL, 1.1 * PANEL)
     axes = figure.subplots(1, 2, sharey=True)
-    for ax, column, label in zip(axes, ("seconds", "unknowns"), ("wall time [s]", "unknowns"), strict=True):
+    for ax, column, label in zip(
+        axes, ("seconds", "unknowns"), ("wall time [s]", "unknowns"), strict=True
+    ):
         for (name, rows), marker in zip(series.items(), "os^vD*", strict=False):
             x, error = ([float(row[key]) for row in rows] for key in (column, "error"))
             ax.loglog(x, error, marker, markersize=4, fillstyle="none", label=name)

@@ -1,4 +1,6 @@
-"""What is drawn of a mesh: the triangles of a plane mesh, or the surface of the rear half of a solid one, and the outline."""
+"""What is drawn of a mesh: the triangles of a plane mesh, or the surface of the rear half of a
+solid one, and the outline.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,16 +14,20 @@ from .hdf5 import read_attributes, read_slab
 
 SPLIT = {3: ((0, 1, 2),), 6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))}  # by number of nodes
 SPLIT_LINE = {2: ((0, 1),), 3: ((0, 2), (2, 1))}
-AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(25.0)
+AZIMUTH = np.radians(-60.0)
+ELEVATION = np.radians(25.0)
 SHARP_EDGE = np.cos(np.radians(30.0))
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles and outline in the numbering of the points, with their projection to the plane of the picture.
+    """Triangles and outline in the numbering of the points, with their projection to the plane of
+    the picture.
 
-    points : (N, d) [m].  triangles : (T, 3).  outline : (L, 2) edges of a plane domain, sharp edges of a solid one.
-    cut : y [m] in front of which the elements of a solid domain are left out, so that its inside is seen; None in the plane.
+    points : (N, d) [m].  triangles : (T, 3).  outline : (L, 2) edges of a plane domain, sharp edges
+    of a solid one.
+    cut : y [m] in front of which the elements of a solid domain are left out, so that its inside is
+    seen; None in the plane.
     """
 
     points: np.ndarray
@@ -45,10 +51,18 @@ class Surface:
         return np.ptp(self.points[self.nodes], axis=0).max()
 
     def project(self, points):
-        """Return picture coordinates (N, 2) [m] and depth toward the eye (N,) of points (N, d); parallel projection in 3-D."""
+        """Return picture coordinates (N, 2) [m] and depth toward the eye (N,) of points (N, d);
+        parallel projection in 3-D.
+        """
         if self.dim == 2:
             return points, np.zeros(len(points))
-        (ca, sa), (ce, se) = (np.cos(AZIMUTH), np.sin(AZIMUTH)), (np.cos(ELEVATION), np.sin(ELEVATION))
+        (ca, sa), (ce, se) = (
+            (np.cos(AZIMUTH), np.sin(AZIMUTH)),
+            (
+                np.cos(ELEVATION),
+                np.sin(ELEVATION),
+            ),
+        )
         frame = np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
         seen = points @ frame.T
         return seen[:, :2], seen[:, 2]
@@ -60,10 +74,13 @@ def read_regions(directory):
 
 
 def read_surface(directory, cut=None, regions=None):
-    """Return the Surface of the mesh written in a result directory, of some of its regions or all; cut as in `surface_of`."""
+    """Return the Surface of the mesh written in a result directory, of some of its regions or all;
+    cut as in `surface_of`.
+    """
     path = directory / FOLDER / "mesh.h5"
     element = ELEMENTS[read_attributes(path)[0]["element"]]
-    points, cells = read_slab(path, "points")[:, : element.dim], read_slab(path, "cells")
+    points = read_slab(path, "points")[:, : element.dim]
+    cells = read_slab(path, "cells")
     if regions is not None:
         chosen = [i for i, name in enumerate(read_regions(directory)) if name in regions]
         cells = cells[np.isin(read_slab(path, "region"), chosen)]
@@ -73,7 +90,8 @@ def read_surface(directory, cut=None, regions=None):
 def surface_of(points, cells, element, cut=None):
     """Return the Surface of a mesh; elements of order 2 are split at their mid-edge nodes.
 
-    cut : y [m] in front of which a solid domain is left out, None for its middle; all is kept where nothing would be left.
+    cut : y [m] in front of which a solid domain is left out, None for its middle; all is kept where
+    nothing would be left.
     """
     boundary = _boundary(cells, element)
     if element.dim == 2:

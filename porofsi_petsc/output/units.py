@@ -6,7 +6,8 @@ PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "
 
 
 def scaled_unit(largest, unit):
-    """Return the factor from SI to a unit in which the largest magnitude lies between 1 and 1000, and its name.
+    """Return the factor from SI to a unit in which the largest magnitude lies between 1 and 1000,
+    and its name.
 
     Lengths and velocities have no prefix above one.
     """

@@ -1,4 +1,6 @@
-"""What a solid answers to forces on its interface with a fluid: its tangent, condensed to the unknowns that both share."""
+"""What a solid answers to forces on its interface with a fluid: its tangent, condensed to the
+unknowns that both share.
+"""
 
 import numpy as np
 
@@ -6,20 +8,24 @@ from ..errors import InputError
 
 
 class CondensedSolid:
-    """The forces S δu that a change of the displacement of the interface asks for, S = [(H_ss⁻¹)_ΓΓ]⁻¹ (N, N) [N/m].
+    """The forces S δu that a change of the displacement of the interface asks for, S =
+    [(H_ss⁻¹)_ΓΓ]⁻¹ (N, N) [N/m].
 
-    Γ : the N unknowns of the interface, node by node, where no support and no prescribed velocity holds one; all else of the
-    solid is in equilibrium.  H_ss is its tangent with inertia.  S is dense and symmetric, and every rank has it: an interface
-    is a line in two dimensions.  It takes N solutions with the factored H_ss.
+    Γ : the N unknowns of the interface, node by node, where no support and no prescribed velocity
+    holds one; all else of the solid is in equilibrium.  H_ss is its tangent with inertia.  S is
+    dense and symmetric, and every rank has it: an interface is a line in two dimensions.  It takes
+    N solutions with the factored H_ss.
     """
 
     def __init__(self, solid, fluid):
         """Take the two phases, which share the nodes of the interface (collective)."""
-        self._solid, self._comm = solid, solid.mesh.comm
+        self._solid = solid
+        self._comm = solid.mesh.comm
         self._nodes, self._components = fluid.interface_unknowns.T
         counts = self._comm.allgather(len(self._nodes))
         first = sum(counts[: self._comm.rank])
-        self._own, self.size = slice(first, first + len(self._nodes)), sum(counts)
+        self._own = slice(first, first + len(self._nodes))
+        self.size = sum(counts)
         self._stiffness = None
 
     @property
@@ -31,8 +37,9 @@ class CondensedSolid:
         """Condense the present tangent of the solid (collective)."""
         if not self._solid.solver.direct:
             raise InputError(
-                'coupling.interface = "condensed": received an iterative solver of the solid, expected a factorization; '
-                'leave out the options -solid_… or take "dirichlet_neumann"'
+                'coupling.interface = "condensed": received an iterative solver of the solid,'
+                " expected a factorization; leave out the options -solid_… or take"
+                ' "dirichlet_neumann"'
             )
         columns = np.empty((len(self._nodes), self.size))
         for j in range(self.size):
@@ -44,7 +51,9 @@ class CondensedSolid:
         self._stiffness = (stiffness + stiffness.T) / 2
 
     def force(self, displacement):
-        """Return S times a displacement (n_owned, d) [m] on the nodes of the interface, (n_owned, d) [N] (collective)."""
+        """Return S times a displacement (n_owned, d) [m] on the nodes of the interface, (n_owned,
+        d) [N] (collective).
+        """
         own = displacement[self._nodes, self._components]
         return self._spread(self._stiffness @ np.concatenate(self._comm.allgather(own)))
 

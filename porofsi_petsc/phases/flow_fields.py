@@ -1,4 +1,6 @@
-"""Nodal fields of the flow; elements gather them chunk by chunk, so that no array of all elements is made of them."""
+"""Nodal fields of the flow; elements gather them chunk by chunk, so that no array of all elements
+is made of them.
+"""
 
 from dataclasses import dataclass
 
@@ -8,7 +10,8 @@ from ..kernels.flow import FlowFields
 
 @dataclass(frozen=True)
 class NodalFlow:
-    """`kernels.flow.FlowFields` of a domain, of nodes where those are of elements: (n_local, d), p and dp (n_local,).
+    """`kernels.flow.FlowFields` of a domain, of nodes where those are of elements: (n_local, d), p
+    and dp (n_local,).
 
     b is that of all its elements, (E, Q, d).
     """

@@ -1,4 +1,6 @@
-"""Solid, free fluid and (direct) mesh in one matrix: the tangents of the monolithic Newton iterations over an interface."""
+"""Solid, free fluid and (direct) mesh in one matrix: the tangents of the monolithic Newton
+iterations over an interface.
+"""
 
 import numpy as np
 
@@ -9,40 +11,57 @@ from ..linalg.stopwatch import timed
 
 
 class InterfaceMixture:
-    """One Newton step for (u, v_f, p), unknowns of a node together, u of the solid or (direct) of the fluid's mesh.
+    """One Newton step for (u, v_f, p), unknowns of a node together, u of the solid or (direct) of
+    the fluid's mesh.
 
-    On the interface v_f = v_s: the columns of v_f go to u with c_v = dv_s/du, the rows of v_f, whose test function is that of the
-    solid there, to the rows of u.  Quasi-direct leaves out the derivative by the mesh and converges linearly; direct has it, the
-    equation of the mesh included, and converges quadratically.
+    On the interface v_f = v_s: the columns of v_f go to u with c_v = dv_s/du, the rows of v_f,
+    whose test function is that of the solid there, to the rows of u.  Quasi-direct leaves out the
+    derivative by the mesh and converges linearly; direct has it, the equation of the mesh included,
+    and converges quadratically.
     """
 
     prefix = "mixture_"
 
     def __init__(self, solid, fluid, motion, setups, interface, direct):
-        """Take the phases, the mesh motion, their (solid, fluid, mesh) setups, the interface (n_local,) bool, and the scheme."""
-        self._solid, self._fluid, self._motion, self._interface = solid, fluid, motion, interface
-        self._with_mesh, self._immersed = direct and motion.moves, setups[0].immersed
-        self._setup, self.mesh, self.stopwatch = setups[1], solid.mesh, solid.stopwatch
+        """Take the phases, the mesh motion, their (solid, fluid, mesh) setups, the interface
+        (n_local,) bool, and the scheme.
+        """
+        self._solid = solid
+        self._fluid = fluid
+        self._motion = motion
+        self._interface = interface
+        self._with_mesh = direct and motion.moves
+        self._immersed = setups[0].immersed
+        self._setup = setups[1]
+        self.mesh = solid.mesh
+        self.stopwatch = solid.stopwatch
         self._domain = Domain(self.mesh)
         self._rows = [_rows_in(self._domain, part.domain) for part in (solid, fluid, motion)]
         self._mask = self._make_mask(*setups)
         self._matrix = self.solver = None
         self._linear = solid.is_linear and fluid.is_linear
-        self._rates, self.assemblies = None, 0
+        self._rates = None
+        self.assemblies = 0
         self.force_per_rate = float("inf")
 
     def _make_mask(self, solid_setup, fluid_setup, mesh_setup):
-        d, in_solid = self.mesh.dim, self._solid.domain.holds[:, None]
-        of_mesh = mesh_setup.mask if self._with_mesh else np.ones((self.mesh.n_local, d), dtype=bool)
+        d = self.mesh.dim
+        in_solid = self._solid.domain.holds[:, None]
+        of_mesh = (
+            mesh_setup.mask if self._with_mesh else np.ones((self.mesh.n_local, d), dtype=bool)
+        )
         outside = ~self._fluid.domain.holds[:, None]
-        return np.column_stack([np.where(in_solid, solid_setup.mask, of_mesh), fluid_setup.mask | outside])
+        return np.column_stack(
+            [np.where(in_solid, solid_setup.mask, of_mesh), fluid_setup.mask | outside]
+        )
 
     def correct(self, solid_residual, fluid_residuals, rates):
         """Solve for the increments of both phases and add them to the trial states (collective)."""
         if not (self._linear and self._rates == rates):
             self._assemble(rates)
         momentum, volume = fluid_residuals
-        d, n = self.mesh.dim, self.mesh.n_owned
+        d = self.mesh.dim
+        n = self.mesh.n_owned
         rhs = -np.column_stack([solid_residual.total, momentum.total, volume.total])
         increment = np.where(self._mask[:n], 0.0, self.solver.solve(rhs.ravel()).reshape(n, -1))
         self._solid.add(np.where(self._solid.domain.holds[:n, None], increment[:, :d], 0.0))
@@ -54,18 +73,22 @@ class InterfaceMixture:
         whole = self._setup.on(self._domain)
         if self._matrix is None:
             self._matrix = whole.new_matrix(self.prefix, m, self._mask)
-        values, self._rates = whole.new_tangents(m), rates
+        values = whole.new_tangents(m)
+        self._rates = rates
         self._fill(values, rates)
         self._matrix.assemble(values)
         self.assemblies += 1
         if self.solver is None:
             # a factorization in 3-D too: this matrix has no preconditioner of its own yet
             null = self._setup.constant_pressures(self._domain, m, m - 1)
-            self.solver = LinearSolver(self._matrix.mat, self.prefix, mixture_defaults(direct=True), null_vectors=null)
+            self.solver = LinearSolver(
+                self._matrix.mat, self.prefix, mixture_defaults(direct=True), null_vectors=null
+            )
         self.solver.update()
 
     def _fill(self, values, rates):
-        d, skeleton = self.mesh.dim, self._motion.skeleton()
+        d = self.mesh.dim
+        skeleton = self._motion.skeleton()
         of_solid, of_fluid, of_mesh = self._rows
         for chunk, K in self._solid.trial_tangents(rates):
             values[of_solid[chunk], :, :d, :, :d] += K

@@ -1,4 +1,6 @@
-"""The motion of a free fluid's mesh: an elastic extension of the solid's displacement, from the reference configuration."""
+"""The motion of a free fluid's mesh: an elastic extension of the solid's displacement, from the
+reference configuration.
+"""
 
 import numpy as np
 
@@ -10,43 +12,61 @@ from ..linalg.stopwatch import timed
 from ..tensors import det_minus_one
 from .transfer import Skeleton
 
-# Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any coupling tolerance.
-TOLERANCE, CAP = 1e-11, 40
+# Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any
+# coupling tolerance.
+TOLERANCE = 1e-11
+CAP = 40
 HALVINGS = 2  # of a motion of the boundary that inverts an element on the way to the equilibrium
-# Falls of the smallest volume ratio that are remembered, and the ratio below which the mesh itself is what inverts.
-NOTED, SQUEEZED = 0.6, 0.5
+# Falls of the smallest volume ratio that are remembered, and the ratio below which the mesh itself
+# is what inverts.
+NOTED = 0.6
+SQUEEZED = 0.5
 SLOW = 0.1  # contraction of its increments above which a lagged tangent is renewed within a step
 
 
 class MeshMotion:
-    """Solve Div P(∇u) = 0 for the displacement u of the mesh, u = u_s on the interface, prescribed on all other boundaries.
+    """Solve Div P(∇u) = 0 for the displacement u of the mesh, u = u_s on the interface, prescribed
+    on all other boundaries.
 
-    Always from the reference configuration, so that the mesh is a function of the interface and a period ends where it began.
-    The velocity of the mesh is that of the solid's time scheme: on the interface it is v_s to the last digit.
-    Arrays (n_local, d), ghosts included: `u`, `v`, `a` of the accepted level, `_u1`, `_v1`, `_a1` of the trial level.
-    `smallest_ratio`, `worst_shape`: least volume ratio J and `shape_quality` of an element, in the reference configuration and on
+    Always from the reference configuration, so that the mesh is a function of the interface and a
+    period ends where it began. The velocity of the mesh is that of the solid's time scheme: on the
+    interface it is v_s to the last digit. Arrays (n_local, d), ghosts included: `u`, `v`, `a` of
+    the accepted level, `_u1`, `_v1`, `_a1` of the trial level. `smallest_ratio`, `worst_shape`:
+    least volume ratio J and `shape_quality` of an element, in the reference configuration and on
     all accepted levels; `trail`: times [s] and least J of the levels on which it fell.
     """
 
     prefix = "mesh_"
 
     def __init__(self, setup, fluid_domain, with_hessian):
-        """Take a `phases.setup.MeshSetup` and the domain of the fluid, which may go on into a porous solid.
+        """Take a `phases.setup.MeshSetup` and the domain of the fluid, which may go on into a
+        porous solid.
 
         with_hessian : whether the fluid wants second derivatives
         """
-        self._setup, self._fluid_domain, self._with_hessian = setup, fluid_domain, with_hessian
-        self.domain, self.mesh, self.stopwatch = setup.domain, setup.domain.mesh, setup.stopwatch
+        self._setup = setup
+        self._fluid_domain = fluid_domain
+        self._with_hessian = with_hessian
+        self.domain = setup.domain
+        self.mesh = setup.domain.mesh
+        self.stopwatch = setup.stopwatch
         shape = (self.mesh.n_local, self.mesh.dim)
-        self.u, self.v, self.a = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self.u = np.zeros(shape)
+        self.v = np.zeros(shape)
+        self.a = np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._reference = Configuration.at(fluid_domain, self.mesh.X, with_hessian)
         self._configuration = self._accepted = self._matrix = self.solver = None
-        self._stale, self.assemblies, self._t_end, self.trail = True, 0, 0.0, []
+        self._stale = True
+        self.assemblies = 0
+        self._t_end = 0.0
+        self.trail = []
         self.smallest_ratio = self.worst_shape = 1.0
         self._watch(self._reference, self.mesh.X)
         volume = self.domain.reference.dV.sum(axis=1)
-        mean = self.domain.sum_owned(volume) / max(self.mesh.comm.allreduce(int(self.domain.owned.sum())), 1)
+        mean = self.domain.sum_owned(volume) / max(
+            self.mesh.comm.allreduce(int(self.domain.owned.sum())), 1
+        )
         self._stiffness = (mean / volume) ** setup.stiffening
 
     @property
@@ -56,11 +76,15 @@ class MeshMotion:
 
     @property
     def squeezed(self):
-        """Return whether an element has lost so much of its volume that it is the mesh which inverts, not the step."""
+        """Return whether an element has lost so much of its volume that it is the mesh which
+        inverts, not the step.
+        """
         return bool(self.trail) and self.trail[-1][1] < SQUEEZED
 
     def set_initial(self, displacement, velocity):
-        """Set the mesh to displacement and velocity of the solid, both (n_local, d), extended; what is prescribed is at rest."""
+        """Set the mesh to displacement and velocity of the solid, both (n_local, d), extended; what
+        is prescribed is at rest.
+        """
         if self.moves:
             self.u = self._extended(displacement, self.u, 0.0)
             self.v = self._extended_rate(velocity)
@@ -68,7 +92,8 @@ class MeshMotion:
 
     def begin_step(self, scheme, t):
         """Start a step from the accepted level at time t."""
-        self.scheme, self._t_end = scheme, t + scheme.dt
+        self.scheme = scheme
+        self._t_end = t + scheme.dt
         self._stale = self._stale or not self._setup.law.small_strain
 
     def follow(self, displacement):
@@ -78,14 +103,22 @@ class MeshMotion:
             self._v1, self._a1 = self.scheme.rates(self._u1, self.u, self.v, self.a)
             self._configuration = None
 
-    # -- what the fluid sees ----------------------------------------------------------------------------------------------
+    # -- what the fluid sees -----------------------------------------------------------------------
 
     def skeleton(self):
-        """Return the trial state on the collocation level; raises ConvergenceError when an element is inverted."""
+        """Return the trial state on the collocation level; raises ConvergenceError when an element
+        is inverted.
+        """
         level = self.u + self.scheme.alpha_f * (self._u1 - self.u)
         if self._configuration is None:
             self._configuration = self._configuration_at(level)
-        return Skeleton(self._configuration, self.scheme.velocity_level(self.v, self._v1), self._v1, level, self.moves)
+        return Skeleton(
+            self._configuration,
+            self.scheme.velocity_level(self.v, self._v1),
+            self._v1,
+            level,
+            self.moves,
+        )
 
     def accepted_skeleton(self):
         """Return the accepted state."""
@@ -100,23 +133,30 @@ class MeshMotion:
     def _configuration_at(self, u):
         if not self.moves:
             return self._reference
-        return Configuration.at(self._fluid_domain, self.mesh.X + u, self._with_hessian, self._inverted)
+        return Configuration.at(
+            self._fluid_domain, self.mesh.X + u, self._with_hessian, self._inverted
+        )
 
-    # -- extension --------------------------------------------------------------------------------------------------------
+    # -- extension ---------------------------------------------------------------------------------
 
     @timed("mesh")
     def _extended(self, solid, start, t):
-        """Return the displacement with that of the solid (n_local, d) on its nodes and what is prescribed at time t elsewhere.
+        """Return the displacement with that of the solid (n_local, d) on its nodes and what is
+        prescribed at time t elsewhere.
 
-        The first increment moves inside and boundary together: the boundary alone would invert the elements behind it.
+        The first increment moves inside and boundary together: the boundary alone would invert the
+        elements behind it.
         """
-        setup, goal = self._setup, start.copy()
+        setup = self._setup
+        goal = start.copy()
         setup.dirichlet.apply(goal, t)
         goal[setup.carried] = setup.transfer.to_fluid(solid)[setup.carried]
         return self._reached(goal, start, 0 if setup.law.small_strain else HALVINGS)
 
     def _reached(self, goal, start, halvings):
-        """Return the displacement with the boundary of the goal; a nonlinear law takes half of the way where all is too much."""
+        """Return the displacement with the boundary of the goal; a nonlinear law takes half of the
+        way where all is too much.
+        """
         try:
             return self._solved(goal, start)
         except ConvergenceError:
@@ -127,9 +167,13 @@ class MeshMotion:
         return self._reached(goal, middle, halvings - 1)
 
     def _solved(self, goal, start):
-        """Return the equilibrium with the boundary of the goal, from the displacement `start` on; both (n_local, d)."""
-        setup, u = self._setup, start
-        last, free = np.inf, ~setup.mask[: self.mesh.n_owned]
+        """Return the equilibrium with the boundary of the goal, from the displacement `start` on;
+        both (n_local, d).
+        """
+        setup = self._setup
+        u = start
+        last = np.inf
+        free = ~setup.mask[: self.mesh.n_owned]
         for _ in range(CAP):
             if self._stale:
                 self._assemble(u)
@@ -142,18 +186,26 @@ class MeshMotion:
             size = self._relative(increment, u)
             if size <= TOLERANCE:
                 return u
-            self._stale, last = size > SLOW * last, size
-        raise self._failure(f"the motion of the mesh of the fluid did not converge in {CAP} iterations at t = {self._t_end:g} s")
+            self._stale = size > SLOW * last
+            last = size
+        raise self._failure(
+            f"the motion of the mesh of the fluid did not converge in {CAP} iterations at t ="
+            f" {self._t_end:g} s"
+        )
 
     def _extended_rate(self, solid):
-        """Return the velocity of the mesh for that of the solid (n_local, d), K v = 0 inside with the tangent of `u`."""
+        """Return the velocity of the mesh for that of the solid (n_local, d), K v = 0 inside with
+        the tangent of `u`.
+        """
         setup = self._setup
         v = np.where(setup.carried[:, None], setup.transfer.to_fluid(solid), 0.0)
         if self._stale or not self._setup.law.small_strain:
             self._assemble(self.u)
         forces = self._forces(self.u, v) - self._forces(self.u, 0 * v)
         free = ~setup.mask[: self.mesh.n_owned]
-        return v + self.mesh.halo.extend(setup.solve(self.solver, np.where(free, -forces, 0.0)) * free)
+        return v + self.mesh.halo.extend(
+            setup.solve(self.solver, np.where(free, -forces, 0.0)) * free
+        )
 
     def _require_upright(self, u):
         """Raise ConvergenceError where the law has no stress any more, J <= 0 (collective)."""
@@ -161,39 +213,61 @@ class MeshMotion:
         self.domain.require(det_minus_one(H) > -1, self._inverted)
 
     def _inverted(self, place):
-        return self._failure(f"an element of the mesh of the fluid is inverted at t = {self._t_end:g} s, element at {place}")
+        return self._failure(
+            f"an element of the mesh of the fluid is inverted at t = {self._t_end:g} s, element at"
+            f" {place}"
+        )
 
     def _failure(self, what):
         """Return the error of a mesh that does not follow: how its quality fell, and what helps."""
         fell = ", ".join(f"{ratio:.2g} at {t:g} s" for t, ratio in self.trail)
-        nonlinear, exponent = not self._setup.law.small_strain, self._setup.stiffening
+        nonlinear = not self._setup.law.small_strain
+        exponent = self._setup.stiffening
         law = "" if nonlinear else 'mesh_motion.law = "neo_hookean", '
-        keys = f"try {law}another mesh_motion.stiffening than {exponent:g} (1 to 2), or another mesh there"
+        keys = (
+            f"try {law}another mesh_motion.stiffening than {exponent:g} (1 to 2), or another mesh"
+            " there"
+        )
         if self.squeezed:
             what = f"{what}; its smallest volume ratio fell to {fell}"
-            return ConvergenceError(what, f"a smaller step hardly helps where the mesh is squeezed: {keys}")
+            return ConvergenceError(
+                what, f"a smaller step hardly helps where the mesh is squeezed: {keys}"
+            )
         return ConvergenceError(what, f"if a smaller step stops at the same time, {keys}")
 
     def _relative(self, increment, u):
         """Return |increment|/|u|, 0 at rest; both (n_owned, d) or longer (collective)."""
         owned = u[: len(increment)]
-        squares = self.mesh.comm.allreduce(np.array([np.vdot(increment, increment), np.vdot(owned, owned)]))
+        squares = self.mesh.comm.allreduce(
+            np.array([np.vdot(increment, increment), np.vdot(owned, owned)])
+        )
         return float(np.sqrt(squares[0] / squares[1])) if squares[1] else 0.0
 
     def _forces(self, u, change):
-        """Return the nodal forces of the law at u and what a change of u adds to first order, (n_owned, d)."""
-        domain, law, moves = self.domain, self._setup.law, change.any()
+        """Return the nodal forces of the law at u and what a change of u adds to first order,
+        (n_owned, d).
+        """
+        domain = self.domain
+        law = self._setup.law
+        moves = change.any()
         forces = np.zeros((self.mesh.n_owned, self.mesh.dim))
         for chunk, G, dV in self._stiffened():
-            nodal, moved = domain.gather(u, chunk), domain.gather(change, chunk)
-            vectors = kernel.stress_residual(G, dV, law, nodal + moved if law.small_strain else nodal)
+            nodal = domain.gather(u, chunk)
+            moved = domain.gather(change, chunk)
+            vectors = kernel.stress_residual(
+                G, dV, law, nodal + moved if law.small_strain else nodal
+            )
             if moves and not law.small_strain:
-                vectors += np.einsum("eaibj,ebj->eai", kernel.stress_tangent(G, dV, law, nodal), moved)
+                vectors += np.einsum(
+                    "eaibj,ebj->eai", kernel.stress_tangent(G, dV, law, nodal), moved
+                )
             domain.add(forces, chunk, vectors)
         return forces
 
     def tangents(self):
-        """Return an iterator over (chunk, tangent (E, A, d, A, d)) of the law in the trial state."""
+        """Return an iterator over (chunk, tangent (E, A, d, A, d)) of the law in the trial
+        state.
+        """
         return self._tangents(self._u1)
 
     def _tangents(self, u):
@@ -208,7 +282,8 @@ class MeshMotion:
         for chunk, K in self._tangents(u):
             self._matrix.add(chunk, K)
         self._matrix.finish()
-        self.assemblies, self._stale = self.assemblies + 1, False
+        self.assemblies = self.assemblies + 1
+        self._stale = False
         if self.solver is None:
             self.solver = setup.new_solver(self._matrix)
         self.solver.refactor()
@@ -219,22 +294,32 @@ class MeshMotion:
         for _, chunk in self.domain.chunks((self.domain.cells.shape[1] * self.mesh.dim) ** 2):
             yield chunk, stiffness.G[chunk], stiffness.dV[chunk] * self._stiffness[chunk, None]
 
-    # -- end of a step ----------------------------------------------------------------------------------------------------
+    # -- end of a step -----------------------------------------------------------------------------
 
     def accept(self):
-        """Make the trial state the accepted one; raises ConvergenceError, changing nothing, when an element is inverted."""
+        """Make the trial state the accepted one; raises ConvergenceError, changing nothing, when an
+        element is inverted.
+        """
         if self.moves:
             self._accepted = self._configuration_at(self._u1)
             self._watch(self._accepted, self.mesh.X + self._u1)
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
 
     def _watch(self, configuration, positions):
-        """Take the worst elements of a configuration with nodal positions (n_local, d) into account (collective)."""
-        domain, worst = self._fluid_domain, 1.0
+        """Take the worst elements of a configuration with nodal positions (n_local, d) into account
+        (collective).
+        """
+        domain = self._fluid_domain
+        worst = 1.0
         for _, chunk in domain.chunks(domain.cells.shape[1] * domain.dim):
-            worst = min(worst, float(shape_quality(positions[domain.cells[chunk, : domain.dim + 1]]).min()))
-        ratios, shapes = zip(*self.mesh.comm.allgather((float(configuration.J.min(initial=1.0)), worst)), strict=True)
-        self.smallest_ratio, self.worst_shape = min(self.smallest_ratio, *ratios), min(self.worst_shape, *shapes)
+            worst = min(
+                worst, float(shape_quality(positions[domain.cells[chunk, : domain.dim + 1]]).min())
+            )
+        ratios, shapes = zip(
+            *self.mesh.comm.allgather((float(configuration.J.min(initial=1.0)), worst)), strict=True
+        )
+        self.smallest_ratio = min(self.smallest_ratio, *ratios)
+        self.worst_shape = min(self.worst_shape, *shapes)
         if min(ratios) < NOTED * (self.trail[-1][1] if self.trail else 1.0):
             self.trail = [*self.trail, [self._t_end, min(ratios)]]
 
@@ -250,11 +335,16 @@ class MeshMotion:
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
-        return {"smallest_ratio": self.smallest_ratio, "worst_shape": self.worst_shape, "trail": self.trail}
+        return {
+            "smallest_ratio": self.smallest_ratio,
+            "worst_shape": self.worst_shape,
+            "trail": self.trail,
+        }
 
     def load_state(self, arrays, memory):
         """Continue from `state` and `memory`."""
-        self.smallest_ratio, self.worst_shape = memory["smallest_ratio"], memory["worst_shape"]
+        self.smallest_ratio = memory["smallest_ratio"]
+        self.worst_shape = memory["worst_shape"]
         self.trail = memory.get("trail", [])
         self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
         self.reset()

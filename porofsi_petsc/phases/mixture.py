@@ -8,31 +8,40 @@ from ..linalg.stopwatch import timed
 
 
 class QuasiDirectMixture:
-    """One Newton step for (y, v_f, p), unknowns of a node together, with all off-diagonal tangents on a fixed mesh.
+    """One Newton step for (y, v_f, p), unknowns of a node together, with all off-diagonal tangents
+    on a fixed mesh.
 
-    The derivative by the moving mesh is left out, so the iteration converges linearly, but fast, where the mesh moves.
+    The derivative by the moving mesh is left out, so the iteration converges linearly, but fast,
+    where the mesh moves.
 
-    Variables.  At low permeability the drag S c_v between y and v_f is many orders above everything else.  The matrix therefore
-    has the unknowns (y, w, p), v_f = w + χ c_v y with the part χ = S/(S + ρ_f c_f) of the fluid that the drag carries along, and
-    the balance of the skeleton with χ times that of the fluid.  Drag and inertia then couple y and w no more (exactly, where χ is
+    Variables.  At low permeability the drag S c_v between y and v_f is many orders above everything
+    else.  The matrix therefore has the unknowns (y, w, p), v_f = w + χ c_v y with the part χ = S/(S
+    + ρ_f c_f) of the fluid that the drag carries along, and the balance of the skeleton with χ
+    times that of the fluid.  Drag and inertia then couple y and w no more (exactly, where χ is
     constant), and K_yy has the mass ρ_s c_a + χ ρ_f c_f c_v of the corrected split.
 
-    Scales.  The unknowns are lengths and the rows forces: w counts in units of c_v, p and the volume balance in units in which
-    their blocks K_yp and K_py have the norm of K_yy.  Else the residual of an iterative solver mixes N and m³/s.
+    Scales.  The unknowns are lengths and the rows forces: w counts in units of c_v, p and the
+    volume balance in units in which their blocks K_yp and K_py have the norm of K_yy.  Else the
+    residual of an iterative solver mixes N and m³/s.
     """
 
     prefix = "mixture_"
 
     def __init__(self, solid, fluid, solid_setup, fluid_setup):
         """Take the phases and their setups."""
-        self._solid, self._fluid, self._setup, self._no_slip = solid, fluid, solid_setup, fluid_setup.no_slip[:, None]
+        self._solid = solid
+        self._fluid = fluid
+        self._setup = solid_setup
+        self._no_slip = fluid_setup.no_slip[:, None]
         d = solid.mesh.dim
         self._mask = np.column_stack([solid_setup.dirichlet.mask, fluid_setup.mask[:, : d + 1]])
         self._free_velocity = ~self._mask[:, d : 2 * d]
         self._combined = self._free_velocity & ~self._mask[:, :d]
         self._matrix = self.solver = self.rates = None
         self._linear = solid.is_linear and fluid.is_linear
-        self.mesh, self.stopwatch, self.assemblies = solid.mesh, solid.stopwatch, 0
+        self.mesh = solid.mesh
+        self.stopwatch = solid.stopwatch
+        self.assemblies = 0
 
     def correct(self, solid_residual, fluid_residuals, rates):
         """Solve for the increments of both phases and add them to the trial states (collective)."""
@@ -43,7 +52,9 @@ class QuasiDirectMixture:
         rhs = -np.column_stack([solid_residual.total, momentum.total, volume.total])
         rhs[:, :d] += self._added[: len(rhs)] * rhs[:, d : 2 * d]
         increment = self.from_solver(self.solver.solve(rhs * self._rows))
-        increment[:, d : 2 * d] += np.where(self._free_velocity, self._tie, 0.0)[: len(rhs)] * increment[:, :d]
+        increment[:, d : 2 * d] += (
+            np.where(self._free_velocity, self._tie, 0.0)[: len(rhs)] * increment[:, :d]
+        )
         self._solid.add(increment[:, :d])
         self._fluid.add(increment[:, d:])
 
@@ -53,7 +64,8 @@ class QuasiDirectMixture:
         m = 2 * self.mesh.dim + 1
         if self._matrix is None:
             self._matrix = self._setup.new_matrix(self.prefix, m, self._mask)
-        values, self.rates = self._setup.new_tangents(m), rates
+        values = self._setup.new_tangents(m)
+        self.rates = rates
         self._fill(values, rates, self._solid.skeleton())
         self._combine(values)
         self._scale(values)
@@ -61,7 +73,12 @@ class QuasiDirectMixture:
         self.assemblies += 1
         if self.solver is None:
             sweep = PhaseSweep(self, self._solid, self._fluid)
-            self.solver = LinearSolver(self._matrix.mat, self.prefix, mixture_defaults(self._setup.direct), preconditioner=sweep)
+            self.solver = LinearSolver(
+                self._matrix.mat,
+                self.prefix,
+                mixture_defaults(self._setup.direct),
+                preconditioner=sweep,
+            )
         self.solver.update()
 
     def _fill(self, values, rates, skeleton):
@@ -76,11 +93,14 @@ class QuasiDirectMixture:
             values[chunk, :, d:, :, d:] = K
 
     def _combine(self, values):
-        """Change the variables of the element matrices in place; walls without slip take the fluid along (collective).
+        """Change the variables of the element matrices in place; walls without slip take the fluid
+        along (collective).
 
-        _tie : (n_local, d) dv_f/dy for constant w [1/s]; _added : (n_local, d) what the skeleton's rows take of the fluid's
+        _tie : (n_local, d) dv_f/dy for constant w [1/s]; _added : (n_local, d) what the skeleton's
+        rows take of the fluid's
         """
-        d, cells = self.mesh.dim, self._solid.domain.cells
+        d = self.mesh.dim
+        cells = self._solid.domain.cells
         chi = self._fluid.dragged_fraction(self._solid.skeleton(), self.rates)[:, None]
         velocity_per_position = self._solid.scheme.rates(1.0, 0.0, 0.0, 0.0)[0]
         self._added = np.where(self._combined, chi, 0.0)
@@ -92,8 +112,12 @@ class QuasiDirectMixture:
         """Scale rows and columns of the element matrices in place (collective)."""
         d = self.mesh.dim
         blocks = values[..., :d, :, :d], values[..., :d, :, 2 * d], values[..., 2 * d, :, :d]
-        owned = self._solid.domain.owned  # an element counts once, so that the scales do not depend on the number of ranks
-        squares = np.array([(block**2).sum(axis=tuple(range(1, block.ndim)))[owned].sum() for block in blocks])
+        owned = (
+            self._solid.domain.owned
+        )  # an element counts once, so that the scales do not depend on the number of ranks
+        squares = np.array(
+            [(block**2).sum(axis=tuple(range(1, block.ndim)))[owned].sum() for block in blocks]
+        )
         stiffness, gradient, divergence = np.sqrt(self.mesh.comm.allreduce(squares))
         self._rows = np.r_[np.ones(2 * d), stiffness / divergence]
         self._columns = np.r_[np.ones(d), np.full(d, self.rates.c_v), stiffness / gradient]
@@ -105,20 +129,28 @@ class QuasiDirectMixture:
         return self._rows[-1]
 
     def to_forces(self, vector):
-        """Return a right-hand side in [N] and [m³/s], (n_owned, 2 d + 1), from the array of a vector of the solver."""
+        """Return a right-hand side in [N] and [m³/s], (n_owned, 2 d + 1), from the array of a
+        vector of the solver.
+        """
         return vector.reshape(-1, len(self._rows)) / self._rows
 
     def to_solver(self, increment):
-        """Return the array of a vector of the solver from an increment of (y, w, p), (n_owned, 2 d + 1)."""
+        """Return the array of a vector of the solver from an increment of (y, w, p), (n_owned, 2 d
+        + 1).
+        """
         return (increment / self._columns).ravel()
 
     def from_solver(self, vector):
-        """Return the increment of (y, w, p), (n_owned, 2 d + 1), from the array of a vector of the solver."""
+        """Return the increment of (y, w, p), (n_owned, 2 d + 1), from the array of a vector of the
+        solver.
+        """
         return vector.reshape(-1, len(self._columns)) * self._columns
 
 
 class DirectMixture(QuasiDirectMixture):
-    """The same with the derivative by the moving mesh: Newton's iteration, which converges quadratically."""
+    """The same with the derivative by the moving mesh: Newton's iteration, which converges
+    quadratically.
+    """
 
     def _fill(self, values, rates, skeleton):
         super()._fill(values, rates, skeleton)
@@ -132,15 +164,20 @@ class DirectMixture(QuasiDirectMixture):
 
 
 class PhaseSweep:
-    """PETSc Python preconditioner of a mixture: one Gauss-Seidel sweep over the phases by the tangents of the corrected split.
+    """PETSc Python preconditioner of a mixture: one Gauss-Seidel sweep over the phases by the
+    tangents of the corrected split.
 
-    (w, p) first, by the fluid's tangent with the skeleton's answer, then y.  The blocks are the phases' own solvers, options
-    -fluid_ and -solid_.
+    (w, p) first, by the fluid's tangent with the skeleton's answer, then y.  The blocks are the
+    phases' own solvers, options -fluid_ and -solid_.
     """
 
     def __init__(self, mixture, solid, fluid):
-        """Take the mixture, whose variables the vectors have, and the phases of the corrected split."""
-        self._mixture, self._solid, self._fluid = mixture, solid, fluid
+        """Take the mixture, whose variables the vectors have, and the phases of the corrected
+        split.
+        """
+        self._mixture = mixture
+        self._solid = solid
+        self._fluid = fluid
 
     def setUp(self, pc):
         """Renew the tangents of both phases at the trial state (collective)."""
@@ -150,7 +187,8 @@ class PhaseSweep:
 
     def apply(self, pc, x, y):
         """Set y to the increments of a sweep with the right-hand side x (collective)."""
-        mixture, d = self._mixture, self._solid.mesh.dim
+        mixture = self._mixture
+        d = self._solid.mesh.dim
         rhs = mixture.to_forces(x.getArray(readonly=True))
         increment = np.zeros(rhs.shape)
         increment[:, d:] = self._fluid.solve(rhs[:, d:])

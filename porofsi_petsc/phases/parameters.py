@@ -7,32 +7,46 @@ from ..kernels import stabilization
 
 
 class StabilizationParameters:
-    """τ, ν_L (E, Q) and c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of a step.
+    """τ, ν_L (E, Q) and c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of
+    a step.
 
-    τ_u is kept as α at the points, (E, Q), and the compliance at grid scale, (E, d, d).
-    They are kept over steps where nothing in them changes: neither convection nor a moving mesh, and the same step size.
+    τ_u is kept as α at the points, (E, Q), and the compliance at grid scale, (E, d, d). They are
+    kept over steps where nothing in them changes: neither convection nor a moving mesh, and the
+    same step size.
     """
 
     def __init__(self, setup):
         """Take a `phases.setup.FluidSetup`."""
-        self._setup, self._made_for = setup, None
+        self._setup = setup
+        self._made_for = None
         self.tau = self.nu_lsic = self._moved = self._compliance = None
 
     def update(self, dt, rates, skeleton, v):
         """Evaluate for a step of size dt from velocity v (n_local, d) on the accepted skeleton."""
-        setup, domain = self._setup, self._setup.domain
+        setup = self._setup
+        domain = self._setup.domain
         if not (setup.convection or setup.moving_mesh) and self._made_for == rates:
             return
         self._made_for = rates
         shape = (domain.n_cells, len(domain.mass.weights))
         if self.tau is None:
-            self.tau, self.nu_lsic, self._moved = np.empty(shape), np.zeros(shape), np.empty(shape)
+            self.tau = np.empty(shape)
+            self.nu_lsic = np.zeros(shape)
+            self._moved = np.empty(shape)
             self._compliance = np.empty((domain.n_cells, domain.dim, domain.dim))
         c = v - skeleton.mesh_velocity
         positions = domain.mesh.X + skeleton.displacement if setup.moving_mesh else domain.mesh.X
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
-            configuration, material = skeleton.configuration, setup.materials[region]
-            self._momentum(chunk, material, configuration.J[chunk], configuration.geometry.G[chunk], domain.gather(c, chunk), dt)
+            configuration = skeleton.configuration
+            material = setup.materials[region]
+            self._momentum(
+                chunk,
+                material,
+                configuration.J[chunk],
+                configuration.geometry.G[chunk],
+                domain.gather(c, chunk),
+                dt,
+            )
             if not material.is_free_fluid:
                 vertices = positions[domain.cells[chunk, : domain.dim + 1]]
                 self._set_undrained(chunk, material, configuration.J[chunk], rates, vertices)
@@ -42,14 +56,20 @@ class StabilizationParameters:
         return stabilization.undrained_tau(self._compliance[chunk], self._moved[chunk])
 
     def _momentum(self, chunk, material, J, G, c, dt):
-        setup, N, h = self._setup, self._setup.domain.mass.N, self._setup.domain.h[chunk]
+        setup = self._setup
+        N = self._setup.domain.mass.N
+        h = self._setup.domain.h[chunk]
         n = material.fluid_fraction(J)
         rho = n * material.rho_fR
         transient = 2 * rho / dt if setup.inertia else 0.0
         viscous = 4 * n * material.viscosity / h[:, None] ** 2
         convective = stabilization.convective_scale(N, G, rho, c) if setup.convection else 0.0
-        self.tau[chunk] = stabilization.momentum_tau(transient, material.drag(J), viscous, convective)
-        if setup.convection and setup.lsic and not material.variable_porosity:  # LSIC knows no w·∇n_f
+        self.tau[chunk] = stabilization.momentum_tau(
+            transient, material.drag(J), viscous, convective
+        )
+        if (
+            setup.convection and setup.lsic and not material.variable_porosity
+        ):  # LSIC knows no w·∇n_f
             self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
 
     def _set_undrained(self, chunk, material, J, rates, vertices):
@@ -58,6 +78,8 @@ class StabilizationParameters:
         inertia = rates.c_a * (material.rho_s + (1 - material.n_s0) * material.rho_fR)
         n = material.fluid_fraction(J)
         chi = rates.dragged_fraction(material.drag(J), n * material.rho_fR)
-        compliance = stabilization.grid_compliance(material.elastic.oedometer_modulus, size, inertia)
+        compliance = stabilization.grid_compliance(
+            material.elastic.oedometer_modulus, size, inertia
+        )
         self._compliance[chunk] = self._setup.undrained * rates.c_v * compliance
         self._moved[chunk] = 1 - n + chi * n

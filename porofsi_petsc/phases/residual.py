@@ -5,18 +5,24 @@ from mpi4py import MPI
 
 
 def euclidean_norms(comm, vectors):
-    """Return the norms over all ranks of distributed vectors of any shapes, (len(vectors),), in one reduction (collective)."""
+    """Return the norms over all ranks of distributed vectors of any shapes, (len(vectors),), in one
+    reduction (collective).
+    """
     squares = np.array([np.vdot(vector, vector) for vector in vectors])
     comm.Allreduce(MPI.IN_PLACE, squares)
     return np.sqrt(squares)
 
 
 class Residual:
-    """Terms name -> (n_owned, k) of one field, internal minus external force; prescribed rows do not count."""
+    """Terms name -> (n_owned, k) of one field, internal minus external force; prescribed rows do
+    not count.
+    """
 
     def __init__(self, comm, terms, free):
         """Store the terms; free(array) returns a copy whose prescribed rows are zero."""
-        self._comm, self.terms, self._free = comm, terms, free
+        self._comm = comm
+        self.terms = terms
+        self._free = free
 
     @property
     def total(self):
@@ -25,7 +31,9 @@ class Residual:
 
     @property
     def unconstrained(self):
-        """Return the sum of the terms on all rows, (n_owned, k): on prescribed ones minus the force that holds them."""
+        """Return the sum of the terms on all rows, (n_owned, k): on prescribed ones minus the force
+        that holds them.
+        """
         return sum(self.terms.values())
 
     def vectors(self):
@@ -33,20 +41,28 @@ class Residual:
         return [self.total, *map(self._free, self.terms.values())]
 
     def norms(self):
-        """Return (norm of the total, largest norm of a term), Euclidean over all ranks (collective)."""
+        """Return (norm of the total, largest norm of a term), Euclidean over all ranks
+        (collective).
+        """
         total, *terms = euclidean_norms(self._comm, self.vectors())
         return total, max(terms)
 
     def largest_force(self):
-        """Return the largest norm of a term over all rows and ranks, those of prescribed values included (collective)."""
+        """Return the largest norm of a term over all rows and ranks, those of prescribed values
+        included (collective).
+        """
         return max(euclidean_norms(self._comm, list(self.terms.values())))
 
     def power(self, velocity):
-        """Return name -> term · velocity over all rows and ranks, velocity (n_owned, k) (collective)."""
+        """Return name -> term · velocity over all rows and ranks, velocity (n_owned, k)
+        (collective).
+        """
         local = np.array([np.vdot(term, velocity) for term in self.terms.values()])
         return dict(zip(self.terms, self._comm.allreduce(local).tolist(), strict=True))
 
     def reaction_power(self, velocity):
-        """Return the power of what holds the prescribed rows: (sum of terms - its free part) · velocity (collective)."""
+        """Return the power of what holds the prescribed rows: (sum of terms - its free part) ·
+        velocity (collective).
+        """
         held = self.unconstrained - self.total
         return self._comm.allreduce(float(np.vdot(held, velocity)))

@@ -1,4 +1,6 @@
-"""What a phase is made of: domain, materials, boundary data, terms of the model, and how its matrix and its KSP are made."""
+"""What a phase is made of: domain, materials, boundary data, terms of the model, and how its matrix
+and its KSP are made.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +23,8 @@ from ..materials.elastic import ElasticLaw
 class PhaseSetup:
     """Common to both phases.
 
-    materials : dict region -> PorousMaterial; body_force : dict component -> expression of b [m/s²];
+    materials : dict region -> PorousMaterial; body_force : dict component -> expression of b
+    [m/s²];
     split : "corrected", "plain" or "scaled" (plain with a scaled mass);
     direct : whether the default solver is a factorization; stopwatch : where its time is counted
     """
@@ -41,9 +44,13 @@ class PhaseSetup:
         return any(0 < material.n_s0 < 1 for material in self.materials.values())
 
     def new_matrix(self, prefix, components, mask):
-        """Return the empty `ElementMatrix` of a nodal field with m components, prescribed where mask (n_local, m) is true."""
+        """Return the empty `ElementMatrix` of a nodal field with m components, prescribed where
+        mask (n_local, m) is true.
+        """
         domain = self.domain
-        return ElementMatrix(domain.mesh.comm, domain.cells, domain.numbering, len(domain.nodes), mask, prefix)
+        return ElementMatrix(
+            domain.mesh.comm, domain.cells, domain.numbering, len(domain.nodes), mask, prefix
+        )
 
     def new_tangents(self, components):
         """Return element matrices (E, A, m, A, m) of m components, all zero."""
@@ -58,10 +65,14 @@ class PhaseSetup:
         mesh = self.domain.mesh
         matrix.declare_symmetric()
         modes = rigid_body_modes(mesh.X[self.domain.nodes], mesh.comm)
-        return LinearSolver(matrix.mat, prefix, solid_defaults(mesh.dim, self.direct), near_nullspace=modes)
+        return LinearSolver(
+            matrix.mat, prefix, solid_defaults(mesh.dim, self.direct), near_nullspace=modes
+        )
 
     def solve(self, solver, rhs):
-        """Return the solution on the owned nodes for a right side, both (n_owned, m); zero outside of the domain (collective)."""
+        """Return the solution on the owned nodes for a right side, both (n_owned, m); zero outside
+        of the domain (collective).
+        """
         solution = np.zeros(rhs.shape)
         nodes = self.domain.nodes
         if not self.domain.n_nodes:
@@ -76,8 +87,9 @@ class SolidSetup(PhaseSetup):
 
     mass_scaling : factor of the mass in the tangent of the split "scaled", or "optimal"
     immersed : a porous solid that a free fluid flows through, of which it feels the drag alone;
-    robin : of an interface on which α v_s is added to the traction; told : (n_local,) bool, nodes to which an interface tells
-    their velocity; reaction : whether the force on its boundary is kept from step to step
+    robin : of an interface on which α v_s is added to the traction; told : (n_local,) bool, nodes
+    to which an interface tells their velocity; reaction : whether the force on its boundary is kept
+    from step to step
     """
 
     dirichlet: Dirichlet
@@ -92,20 +104,27 @@ class SolidSetup(PhaseSetup):
     @cached_property
     def mask(self):
         """Return where the displacement is no unknown of the solver, (n_local, d) bool."""
-        return self.dirichlet.mask if self.told is None else self.dirichlet.mask | self.told[:, None]
+        return (
+            self.dirichlet.mask if self.told is None else self.dirichlet.mask | self.told[:, None]
+        )
 
     def new_solver(self, matrix):
-        """Return the KSP of the block; its matrix is symmetric positive definite up to the state's geometric stiffness."""
+        """Return the KSP of the block; its matrix is symmetric positive definite up to the state's
+        geometric stiffness.
+        """
         return self.displacement_solver(matrix, "solid_")
 
 
 @dataclass(frozen=True)
 class MeshSetup(PhaseSetup):
-    """The motion of a free fluid's mesh: an elastic law on the reference configuration, stiffer on small elements.
+    """The motion of a free fluid's mesh: an elastic law on the reference configuration, stiffer on
+    small elements.
 
-    carried : (n_local,) bool, nodes of the solid and of the interface, which carry the mesh; transfer : to those of the fluid;
+    carried : (n_local,) bool, nodes of the solid and of the interface, which carry the mesh;
+    transfer : to those of the fluid;
     dirichlet : prescribed displacement, fixed boundaries included;
-    stiffening : exponent χ of (V_mean/V_e)^χ, the factor of the law in element e (Stein, Tezduyar & Benney 2003)
+    stiffening : exponent χ of (V_mean/V_e)^χ, the factor of the law in element e (Stein, Tezduyar &
+    Benney 2003)
     """
 
     law: ElasticLaw
@@ -122,22 +141,27 @@ class MeshSetup(PhaseSetup):
     def new_solver(self, matrix):
         """Return the KSP of the motion.
 
-        Its tolerance is relative to the increment of a sweep, and what it leaves is in the right side of the next: the mesh
-        converges with the coupling.
+        Its tolerance is relative to the increment of a sweep, and what it leaves is in the right
+        side of the next: the mesh converges with the coupling.
         """
         return self.displacement_solver(matrix, "mesh_")
 
 
 @dataclass(frozen=True)
 class FluidSetup(PhaseSetup):
-    """The fluid: essential velocity and pressure, tractions on a free fluid [Pa], seepage fluxes [m/s], stabilization.
+    """The fluid: essential velocity and pressure, tractions on a free fluid [Pa], seepage fluxes
+    [m/s], stabilization.
 
-    no_slip : (n_local,) bool, nodes with v_f = v_s; stress_nodes : (n_local,) bool, nodes where the pressure and the total
-    stress are prescribed and so the auxiliary field s is known; free_surface : elements (F,) and terms (F, A, A) of the
-    surfaces whose normal displacement is free while no pressure is prescribed, where s vanishes weakly;
-    robin : of an interface on which α v_f is added to the traction: its nodes are without slip at the end of a sweep only;
-    held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every sweep;
-    open_boundaries : `fem.boundary.OpenBoundary`s of a free fluid; closed : `fem.closed.ClosedPart`s of it
+    no_slip : (n_local,) bool, nodes with v_f = v_s; stress_nodes : (n_local,) bool, nodes where the
+    pressure and the total stress are prescribed and so the auxiliary field s is known; free_surface
+    : elements (F,) and terms (F, A, A) of the surfaces whose normal displacement is free while no
+    pressure is prescribed, where s vanishes weakly;
+    robin : of an interface on which α v_f is added to the traction: its nodes are without slip at
+    the end of a sweep only;
+    held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every
+    sweep;
+    open_boundaries : `fem.boundary.OpenBoundary`s of a free fluid; closed :
+    `fem.closed.ClosedPart`s of it
     """
 
     velocity: Dirichlet
@@ -177,9 +201,11 @@ class FluidSetup(PhaseSetup):
 
     @cached_property
     def solver_mask(self):
-        """Return `mask` as the solver sees it: with a Robin condition the velocity of the interface is unknown.
+        """Return `mask` as the solver sees it: with a Robin condition the velocity of the interface
+        is unknown.
 
-        Not where the solid is held: what it takes there is no balance of solid and fluid, but the reaction of a support.
+        Not where the solid is held: what it takes there is no balance of solid and fluid, but the
+        reaction of a support.
         """
         if self.robin is None:
             return self.mask
@@ -199,27 +225,45 @@ class FluidSetup(PhaseSetup):
 
     @property
     def has_pressure_operators(self):
-        """Return whether the pressure of an iterative solver is preconditioned by operators of its own: in a free fluid."""
+        """Return whether the pressure of an iterative solver is preconditioned by operators of its
+        own: in a free fluid.
+        """
         return self.pspg and any(material.is_free_fluid for material in self.materials.values())
 
     def new_solver(self, matrix, components, preconditioner=None):
-        """Return the KSP of the block with its fields v and p (with s) for a FieldSplit preconditioner.
+        """Return the KSP of the block with its fields v and p (with s) for a FieldSplit
+        preconditioner.
 
-        preconditioner : object with setUp(pc) and apply(pc, x, y) for the pressure, where it has operators of its own
+        preconditioner : object with setUp(pc) and apply(pc, x, y) for the pressure, where it has
+        operators of its own
         """
-        domain, mesh = self.domain, self.domain.mesh
+        domain = self.domain
+        mesh = self.domain.mesh
         fields = fluid_fields(mesh.comm, domain.first, len(domain.nodes), mesh.dim, components)
-        defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg, self.has_pressure_operators)
+        defaults = fluid_defaults(
+            mesh.dim, self.direct, self.viscous, self.pspg, self.has_pressure_operators
+        )
         null = self.constant_pressures(domain, components, mesh.dim)
-        return LinearSolver(matrix.mat, "fluid_", defaults, fields=fields, preconditioner=preconditioner, null_vectors=null)
+        return LinearSolver(
+            matrix.mat,
+            "fluid_",
+            defaults,
+            fields=fields,
+            preconditioner=preconditioner,
+            null_vectors=null,
+        )
 
     def constant_pressures(self, domain, components, p):
-        """Return the `NullVector`s of closed parts in a matrix on a domain whose nodes have the pressure as component p."""
+        """Return the `NullVector`s of closed parts in a matrix on a domain whose nodes have the
+        pressure as component p.
+        """
         return [_constant_pressure(part, domain, components, p) for part in self.closed]
 
 
 def _constant_pressure(part, domain, components, p):
     values = np.zeros((len(domain.nodes), components))
     values[:, p] = part.nodes[domain.nodes]
-    row = None if part.pin is None else components * int(np.searchsorted(domain.nodes, part.pin)) + p
+    row = (
+        None if part.pin is None else components * int(np.searchsorted(domain.nodes, part.pin)) + p
+    )
     return NullVector(values.ravel(), row)

@@ -1,4 +1,6 @@
-"""The force of a phase on a surface: the residual on its nodes, split where others have a part in it."""
+"""The force of a phase on a surface: the residual on its nodes, split where others have a part in
+it.
+"""
 
 from typing import NamedTuple
 
@@ -13,8 +15,8 @@ from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 class State(NamedTuple):
     """What a force is found from, at one time t.
 
-    residual (n_owned, d) [N] of `FluidPhase.boundary_force` or `SolidPhase.boundary_force`;
-    u (n_local, d) [m] of the mesh or the solid; of a fluid v, c = v - v_m (n_local, d), p (n_local,)
+    residual (n_owned, d) [N] of `FluidPhase.boundary_force` or `SolidPhase.boundary_force`; u
+    (n_local, d) [m] of the mesh or the solid; of a fluid v, c = v - v_m (n_local, d), p (n_local,)
     """
 
     residual: np.ndarray
@@ -26,7 +28,8 @@ class State(NamedTuple):
 
 
 class SurfaceForce:
-    """The force on some facets from the residual on their nodes, which has no error of recovered stresses.
+    """The force on some facets from the residual on their nodes, which has no error of recovered
+    stresses.
 
     On the rim the residual of a node holds what other boundaries feel, too: it is -Σ ∮ N σn dA over
     all facets of the node.  Facets whose traction is given have a known part.  Each of the others
@@ -37,7 +40,8 @@ class SurfaceForce:
 
     def __init__(self, setup, surfaces):
         """Take the `PhaseSetup` and the facets of the surfaces, each (F, Af) nodes."""
-        self._setup, self._domain = setup, setup.domain
+        self._setup = setup
+        self._domain = setup.domain
         nodes = np.unique(np.concatenate([facets.ravel() for facets in surfaces]))
         self._nodes = nodes[nodes < self._domain.n_owned]
         self._find_rim(surfaces)
@@ -60,17 +64,23 @@ class SurfaceForce:
         rim = np.intersect1d(facets[own], facets[~own])
         self._rim = rim[rim < domain.n_owned]
         here = np.isin(facets, self._rim).any(axis=1)
-        self._rows, self._local, self._facets = rows[here], local[here], facets[here]
+        self._rows = rows[here]
+        self._local = local[here]
+        self._facets = facets[here]
         self._held = self._prescribed()
 
     def _located(self, nodes):
-        """Return which facets, nodes (F, Af), have an element of the phase, its row, the local number."""
+        """Return which facets, nodes (F, Af), have an element of the phase, its row, the local
+        number.
+        """
         rows, local = locate_facets(nodes, self._domain.cells, self._domain.element)
         found = np.flatnonzero(rows >= 0)
         return found, rows[found], local[found]
 
     def _marked(self, surfaces):
-        """Return which facets of the elements are those of surfaces, each (F, Af) nodes, (E, facets) bool."""
+        """Return which facets of the elements are those of surfaces, each (F, Af) nodes, (E,
+        facets) bool.
+        """
         marked = np.zeros((self._domain.n_cells, len(self._domain.element.facets)), dtype=bool)
         for facets in surfaces:
             _, rows, local = self._located(facets)
@@ -110,7 +120,8 @@ class SurfaceForce:
         areas = np.where(held, self._areas(state)[:, None, None], np.zeros_like(tractions))
         own = self._own[self._rows, self._local]
         parts, shares = (
-            [self._on_rim(self._facets[chosen], values[chosen]) for chosen in (own, ~own)] for values in (tractions, areas)
+            [self._on_rim(self._facets[chosen], values[chosen]) for chosen in (own, ~own)]
+            for values in (tractions, areas)
         )
         self._subtract_loads(state, parts)
         total = sum(shares)
@@ -126,7 +137,8 @@ class SurfaceForce:
 
     def _tractions(self, state):
         """Return -∮ N_a σn dA of the stress in the elements behind the facets, (F, Af, d) [N]."""
-        domain, parts = self._domain, np.empty((*self._facets.shape, self._domain.dim))
+        domain = self._domain
+        parts = np.empty((*self._facets.shape, self._domain.dim))
         region = np.empty(domain.n_cells, dtype=int)
         for i, span in enumerate(domain.region_slices.values()):
             region[span] = i
@@ -152,7 +164,9 @@ class SurfaceForce:
             self._add_where_free(parts, load.nodes, -vectors)
 
     def _add_where_free(self, parts, nodes, vectors):
-        """Add vectors (F, Af, d) on facets, nodes (F, Af), to their part where nothing is prescribed."""
+        """Add vectors (F, Af, d) on facets, nodes (F, Af), to their part where nothing is
+        prescribed.
+        """
         found, rows, local = self._located(nodes)
         own = self._own[rows, local]
         free = np.where(self._held[rows, local][:, None], 0.0, vectors[found])
@@ -166,7 +180,8 @@ class FluidForce(SurfaceForce):
     @classmethod
     def on_interface(cls, setup):
         """Return that on the interface with a solid."""
-        cells, element = setup.domain.cells, setup.domain.element
+        cells = setup.domain.cells
+        element = setup.domain.element
         rows, local = boundary_facets(cells, element)
         facets = cell_facets(cells[rows], element)[np.arange(len(rows)), local]
         return cls(setup, [facets[setup.no_slip[facets].all(axis=1)]])
@@ -184,7 +199,8 @@ class FluidForce(SurfaceForce):
         return self._domain.mesh.X + state.u
 
     def _loads_of_stress(self, surface, material, state, rows):
-        v, p = self._domain.gather(state.v, rows), self._domain.gather(state.p, rows)
+        v = self._domain.gather(state.v, rows)
+        p = self._domain.gather(state.p, rows)
         return traction_load(*surface, v, p, material.viscosity)
 
     def _subtract_loads(self, state, parts):
@@ -195,7 +211,8 @@ class FluidForce(SurfaceForce):
 
 
 class SolidForce(SurfaceForce):
-    """The force of a solid on what holds it, minus the reaction; its stress is that of the reference.
+    """The force of a solid on what holds it, minus the reaction; its stress is that of the
+    reference.
 
     The force of a fluid on it is part of the residual.
     """

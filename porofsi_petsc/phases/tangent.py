@@ -4,25 +4,35 @@ import numpy as np
 
 from .transfer import Rates
 
-WEAR_FACTOR, WEAR_OFFSET = 1.5, 2
-WORN, TIRED = 0.03, 0.5  # relative change of the state, and contraction, after which full Newton renews tangents
+WEAR_FACTOR = 1.5
+WEAR_OFFSET = 2
+WORN, TIRED = (
+    0.03,
+    0.5,
+)  # relative change of the state, and contraction, after which full Newton renews tangents
 
 
 class TangentRule:
-    """Keep a tangent over iterations and steps while the coupling iteration stays as quick as when it was made.
+    """Keep a tangent over iterations and steps while the coupling iteration stays as quick as when
+    it was made.
 
-    Renew it when the rates (step size) change, or when the last step took more than 1.5 n + 2 iterations, n those of the first
-    step with it.  Renewal happens between steps, so that the linearization point is an accepted state, which a checkpoint can
-    hold.  A linear phase renews its tangent only with the rates and stores no point.
+    Renew it when the rates (step size) change, or when the last step took more than 1.5 n + 2
+    iterations, n those of the first step with it.  Renewal happens between steps, so that the
+    linearization point is an accepted state, which a checkpoint can hold.  A linear phase renews
+    its tangent only with the rates and stores no point.
     """
 
     def __init__(self, linear):
         """Start without a tangent."""
         self._linear = linear
-        self.rates, self._point, self._built_with = None, {}, None
+        self.rates = None
+        self._point = {}
+        self._built_with = None
 
     def due(self, rates, iterations):
-        """Return whether a new tangent is wanted at the start of a step; iterations are those of the last step, 0 at first."""
+        """Return whether a new tangent is wanted at the start of a step; iterations are those of
+        the last step, 0 at first.
+        """
         if rates != self.rates:
             return True
         if self._built_with is None:
@@ -31,7 +41,8 @@ class TangentRule:
 
     def store(self, rates, fields):
         """Remember the rates and the linearization point, name -> (n_local, ...)."""
-        self.rates, self._built_with = rates, None
+        self.rates = rates
+        self._built_with = None
         self._point = {} if self._linear else {name: field.copy() for name, field in fields.items()}
 
     def forget(self):
@@ -48,29 +59,39 @@ class TangentRule:
         return {"rates": rates, "built_with": self._built_with}
 
     def load(self, arrays, memory, mesh):
-        """Restore from a checkpoint; return the linearization point (empty for a linear phase), None without a tangent."""
+        """Restore from a checkpoint; return the linearization point (empty for a linear phase),
+        None without a tangent.
+        """
         self.rates = None if memory["rates"] is None else Rates(*memory["rates"])
         self._built_with = memory["built_with"]
         if self.rates is None:
             return None
-        named = {name.removeprefix("tangent_"): array for name, array in arrays.items() if name.startswith("tangent_")}
+        named = {
+            name.removeprefix("tangent_"): array
+            for name, array in arrays.items()
+            if name.startswith("tangent_")
+        }
         self._point = {name: mesh.halo.extend(owned) for name, owned in named.items()}
         return self._point
 
 
 class Travel:
-    """Say when the sweeps of full Newton want new tangents: where the trial state has moved since, or they are slow.
+    """Say when the sweeps of full Newton want new tangents: where the trial state has moved since,
+    or they are slow.
 
-    Moved is a change of v_f or u by more than 3 %, to which the error of a tangent is proportional; slow is an iteration that
-    leaves more than half of the residual: a slender beam stiffens by a fraction of a per cent of its bending.  Factorizations
-    and sweeps, with new tangents in every sweep and by this rule: FSI1 on P2 level 1 16, 16 and 7, 18; CFD2 17, 17 and 10, 24;
-    CSM1 19, 19 and 12, 28 (by the move alone it stalls).
-    Every step starts with new ones, so that a restart needs none.  A linear problem renews them with the rates alone.
+    Moved is a change of v_f or u by more than 3 %, to which the error of a tangent is proportional;
+    slow is an iteration that leaves more than half of the residual: a slender beam stiffens by a
+    fraction of a per cent of its bending.  Factorizations and sweeps, with new tangents in every
+    sweep and by this rule: FSI1 on P2 level 1 16, 16 and 7, 18; CFD2 17, 17 and 10, 24; CSM1 19, 19
+    and 12, 28 (by the move alone it stalls). Every step starts with new ones, so that a restart
+    needs none.  A linear problem renews them with the rates alone.
     """
 
     def __init__(self, solid, fluid, comm):
         """Take the phases, whose trial states it looks at."""
-        self._solid, self._fluid, self._comm = solid, fluid, comm
+        self._solid = solid
+        self._fluid = fluid
+        self._comm = comm
         self._linear = solid.is_linear and fluid.is_linear
         self._rates = self._start = None
 
@@ -84,7 +105,8 @@ class Travel:
         self._start = None
 
     def worn(self, rates, contraction):
-        """Return whether the tangents are to be made anew at the trial state, as which it is then remembered (collective).
+        """Return whether the tangents are to be made anew at the trial state, as which it is then
+        remembered (collective).
 
         contraction : residual over that of the iteration before, 1 on the first
         """
@@ -93,9 +115,14 @@ class Travel:
         if not (worn or self._linear):
             worn = contraction > TIRED or self._moved(state)
         if worn:
-            self._rates, self._start = rates, tuple(field.copy() for field in state)
+            self._rates = rates
+            self._start = tuple(field.copy() for field in state)
         return worn
 
     def _moved(self, state):
-        squares = [[np.vdot(a - b, a - b), np.vdot(a, a)] for a, b in zip(state, self._start, strict=True)]
-        return any(change > WORN**2 * size for change, size in self._comm.allreduce(np.array(squares)))
+        squares = [
+            [np.vdot(a - b, a - b), np.vdot(a, a)] for a, b in zip(state, self._start, strict=True)
+        ]
+        return any(
+            change > WORN**2 * size for change, size in self._comm.allreduce(np.array(squares))
+        )

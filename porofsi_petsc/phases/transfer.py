@@ -1,4 +1,6 @@
-"""What the phases tell each other on the collocation level of a step; a phase knows of the other nothing else."""
+"""What the phases tell each other on the collocation level of a step; a phase knows of the other
+nothing else.
+"""
 
 from dataclasses import dataclass
 
@@ -9,10 +11,13 @@ from ..fem.domain import Configuration
 
 @dataclass(frozen=True)
 class Skeleton:
-    """What carries the fluid's mesh: its configuration and v_s on the collocation level, (n_local, d) [m/s].
+    """What carries the fluid's mesh: its configuration and v_s on the collocation level, (n_local,
+    d) [m/s].
 
-    In a porous medium it is the skeleton itself; a free fluid has the motion of its mesh, the solid's on their interface.
-    end_velocity : v_s on the new level, which no-slip walls prescribe; displacement : u (n_local, d) [m] of the configuration.
+    In a porous medium it is the skeleton itself; a free fluid has the motion of its mesh, the
+    solid's on their interface.
+    end_velocity : v_s on the new level, which no-slip walls prescribe; displacement : u (n_local,
+    d) [m] of the configuration.
     """
 
     configuration: Configuration
@@ -29,9 +34,11 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class Flow:
-    """From the fluid to the solid: phase velocity v_f (n_local, d) [m/s] and pressure p (n_local,) [Pa].
+    """From the fluid to the solid: phase velocity v_f (n_local, d) [m/s] and pressure p (n_local,)
+    [Pa].
 
-    force : of a free fluid on the nodes of the interface, (n_owned, d) [N], zero elsewhere; None in a porous medium
+    force : of a free fluid on the nodes of the interface, (n_owned, d) [N], zero elsewhere; None in
+    a porous medium
     """
 
     velocity: np.ndarray
@@ -41,9 +48,11 @@ class Flow:
 
 @dataclass(frozen=True)
 class Rates:
-    """How much of each phase follows the other within a step: the tangents of the corrected split need both sides.
+    """How much of each phase follows the other within a step: the tangents of the corrected split
+    need both sides.
 
-    c_f, c_v, c_a : d a_f/d v_f, d v_s/d y, d a_s/d y on the collocation level; 0 where that inertia is left out.
+    c_f, c_v, c_a : d a_f/d v_f, d v_s/d y, d a_s/d y on the collocation level; 0 where that inertia
+    is left out.
     """
 
     c_f: float
@@ -51,9 +60,13 @@ class Rates:
     c_a: float
 
     def dragged_fraction(self, S, rho_f):
-        """Return χ = S/(S + ρ_f c_f): the part of the fluid that the drag carries along (0 free, 1 undrained)."""
+        """Return χ = S/(S + ρ_f c_f): the part of the fluid that the drag carries along (0 free, 1
+        undrained).
+        """
         return S / (S + rho_f * self.c_f)
 
     def moving_inertia(self, S, rho_s, rho_f):
-        """Return ρ_χ c_a = ρ_s c_a + χ ρ_f c_f c_v [kg/(m³ s²)], the inertia that a compression wave moves."""
+        """Return ρ_χ c_a = ρ_s c_a + χ ρ_f c_f c_v [kg/(m³ s²)], the inertia that a compression
+        wave moves.
+        """
         return rho_s * self.c_a + self.dragged_fraction(S, rho_f) * rho_f * self.c_f * self.c_v

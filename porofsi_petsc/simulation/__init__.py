@@ -1,4 +1,6 @@
-"""Composition root: scene -> phases -> coupling -> time loop; the one place that knows everybody."""
+"""Composition root: scene -> phases -> coupling -> time loop; the one place that knows
+everybody.
+"""
 
 from .run import check, run
 from .verify import verify

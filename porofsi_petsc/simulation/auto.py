@@ -1,8 +1,10 @@
-"""Terms of the model that are "auto": left out until the size of what is left out passes its bound, then solved to the end.
+"""Terms of the model that are "auto": left out until the size of what is left out passes its bound,
+then solved to the end.
 
-A step in which a bound is passed is not accepted but done again with the term, from the state before it.  Up to there the term
-was below its bound, so that state is as good for the larger model as for the smaller: positions, velocities and pressure go
-over, accelerations of a phase that had no inertia are zero.
+A step in which a bound is passed is not accepted but done again with the term, from the state
+before it.  Up to there the term was below its bound, so that state is as good for the larger model
+as for the smaller: positions, velocities and pressure go over, accelerations of a phase that had no
+inertia are zero.
 """
 
 from ..log import logger
@@ -26,17 +28,23 @@ def at_start(scene):
 
 
 class AutoMedium:
-    """The medium of a scene with "auto" terms; what it does not do itself the medium of the terms modelled so far does.
+    """The medium of a scene with "auto" terms; what it does not do itself the medium of the terms
+    modelled so far does.
 
-    scene : with the present model; switched : one record per term that was switched on, as in `summary.json`
+    scene : with the present model; switched : one record per term that was switched on, as in
+    `summary.json`
     """
 
     def __init__(self, scene, build, start):
         """Start without the auto terms (collective).
 
-        build : scene without "auto" -> medium at rest; start : (medium, scene) gives it the initial state, or refuses it
+        build : scene without "auto" -> medium at rest; start : (medium, scene) gives it the initial
+        state, or refuses it
         """
-        self._build, self._start, self._waiting, self.switched = build, start, auto_terms(scene.model), []
+        self._build = build
+        self._start = start
+        self._waiting = auto_terms(scene.model)
+        self.switched = []
         self.scene = at_start(scene)
         self._medium = build(self.scene)
         start(self._medium, self.scene)
@@ -45,15 +53,22 @@ class AutoMedium:
         return getattr(self._medium, name)
 
     def switch(self, omissions, sizes, clock):
-        """Switch on every auto term whose size in the present trial step passes its bound; return whether one did (collective).
+        """Switch on every auto term whose size in the present trial step passes its bound; return
+        whether one did (collective).
 
-        omissions : of `Measures`; sizes : name -> size.  The trial step is forgotten, the accepted state stays.
+        omissions : of `Measures`; sizes : name -> size.  The trial step is forgotten, the accepted
+        state stays.
         """
-        passed = {o.term: o for o in omissions if o.term in self._waiting and sizes[o.name] > o.bound}
+        passed = {
+            o.term: o for o in omissions if o.term in self._waiting and sizes[o.name] > o.bound
+        }
         if not passed:
             return False
-        state, memory = self._medium.state(), self._medium.memory()
-        self._switch_on([_record(term, passed, sizes, clock) for term in self._with_what_they_need(passed)])
+        state = self._medium.state()
+        memory = self._medium.memory()
+        self._switch_on(
+            [_record(term, passed, sizes, clock) for term in self._with_what_they_need(passed)]
+        )
         if clock.step == 0:
             self._start(self._medium, self.scene)  # with inertia not every start will do
         schemes, rates = clock.schemes(self.scene.model, clock.nominal)
@@ -61,7 +76,9 @@ class AutoMedium:
         return True
 
     def _with_what_they_need(self, passed):
-        """Return the terms to switch on, with the moving mesh, which alone lets n_s = n_s0/J follow the volume ratio."""
+        """Return the terms to switch on, with the moving mesh, which alone lets n_s = n_s0/J follow
+        the volume ratio.
+        """
         needed = {"moving_mesh"} if "porosity" in passed else set()
         return [name for name in self._waiting if name in needed | passed.keys()]
 
@@ -81,7 +98,9 @@ class AutoMedium:
         return self._medium.memory() | {"switched": self.switched}
 
     def resume(self, memory):
-        """Switch on what had been switched on when a checkpoint was written; its state is still to be loaded (collective)."""
+        """Switch on what had been switched on when a checkpoint was written; its state is still to
+        be loaded (collective).
+        """
         if memory["switched"]:
             self._switch_on(memory["switched"])
 
@@ -91,11 +110,22 @@ def _record(term, passed, sizes, clock):
     cause = passed.get(term) or passed["porosity"]
     size = sizes[cause.name]
     where = f"t = {clock.t:g} s (step {clock.step + 1})"
-    logger.info("model.%s switched on at %s: %s %.3g > %g", term, where, cause.name, size, cause.bound)
-    return {"term": term, "step": clock.step + 1, "t": clock.t, "measure": cause.name, "size": size, "bound": cause.bound}
+    logger.info(
+        "model.%s switched on at %s: %s %.3g > %g", term, where, cause.name, size, cause.bound
+    )
+    return {
+        "term": term,
+        "step": clock.step + 1,
+        "t": clock.t,
+        "measure": cause.name,
+        "size": size,
+        "bound": cause.bound,
+    }
 
 
 def _without_tangents(memory):
-    """Return the memory of a medium without lagged tangents and accelerator, which belong to the smaller model."""
+    """Return the memory of a medium without lagged tangents and accelerator, which belong to the
+    smaller model.
+    """
     phases = {name: memory[name] | {"rates": None} for name in ("solid", "fluid")}
     return memory | phases | {"columns": []}

@@ -30,8 +30,13 @@ MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
 
 def serial_mesh(scene):
     """Return the checked serial mesh of a scene; raises InputError (call it on one rank)."""
-    section, where = scene.mesh, str(scene.source_path or "scene")
-    mesh = read_mesh(section.path, section.dim) if section.kind == "file" else _generated(section, where)
+    section = scene.mesh
+    where = str(scene.source_path or "scene")
+    mesh = (
+        read_mesh(section.path, section.dim)
+        if section.kind == "file"
+        else _generated(section, where)
+    )
     for i, material in enumerate(scene.material):
         if material.region != ("all",):
             require_regions(mesh, material.region, f"{where} [material.{i}.region]")
@@ -40,13 +45,19 @@ def serial_mesh(scene):
     for i, pair in enumerate(scene.interface):
         require_tags(mesh, pair.fluid, f"{where} [interface.{i}.fluid]")
         require_tags(mesh, pair.solid, f"{where} [interface.{i}.solid]")
-    outer = set(boundary_tags(mesh)) - {tag for pair in scene.interface for tag in (*pair.fluid, *pair.solid)}
+    outer = set(boundary_tags(mesh)) - {
+        tag for pair in scene.interface for tag in (*pair.fluid, *pair.solid)
+    }
     if INTERFACE not in mesh.facets:
         wetted = [tag for pair in scene.interface for tag in pair.fluid]
-        mesh = with_interface(mesh, {region for region, kind in kinds.items() if kind == "fluid"}, wetted)
+        mesh = with_interface(
+            mesh, {region for region, kind in kinds.items() if kind == "fluid"}, wetted
+        )
     for i, boundary in enumerate(scene.boundary):
         require_tags(mesh, boundary.on, f"{where} [boundary.{i}.on]")
-    require_every_tag(sorted(outer), [tag for boundary in scene.boundary for tag in boundary.on], where)
+    require_every_tag(
+        sorted(outer), [tag for boundary in scene.boundary for tag in boundary.on], where
+    )
     if not scene.is_porous:
         check_sides(scene, mesh, kinds, where)
     require_supports(scene, mesh, kinds, where)
@@ -58,18 +69,29 @@ def _generated(section, where):
     """Return the mesh that a section describes; an InputError begins with the file."""
     try:
         if section.kind == "rectangle":
-            return rectangle(section.x, section.y, section.order, section.diagonal, section.patches, section.regions)
+            return rectangle(
+                section.x,
+                section.y,
+                section.order,
+                section.diagonal,
+                section.patches,
+                section.regions,
+            )
         return box(section.x, section.y, section.z, section.order, section.patches, section.regions)
     except InputError as error:
         raise InputError(f"{where} {error}") from None
     except MemoryError:
-        raise InputError(f"{where} [mesh]: the memory of this machine does not hold the mesh; take fewer cells") from None
+        raise InputError(
+            f"{where} [mesh]: the memory of this machine does not hold the mesh; take fewer cells"
+        ) from None
 
 
 def _kinds(scene, mesh):
     """Return region -> kind of its material."""
     return {
-        region: entry.kind for entry in scene.material for region in (mesh.regions if entry.region == ("all",) else entry.region)
+        region: entry.kind
+        for entry in scene.material
+        for region in (mesh.regions if entry.region == ("all",) else entry.region)
     }
 
 
@@ -78,7 +100,8 @@ def _require_materials(mesh, scene, where):
     bare = [region for region in mesh.regions if region not in covered and "all" not in covered]
     if bare:
         raise InputError(
-            f"{where} [[material]]: region '{bare[0]}' of the mesh has no material; add an entry with region = \"{bare[0]}\""
+            f"{where} [[material]]: region '{bare[0]}' of the mesh has no material; add an entry"
+            f' with region = "{bare[0]}"'
         )
 
 
@@ -97,7 +120,11 @@ def build_coupling(scene, mesh, stopwatch):
     domain = Domain(mesh) if scene.is_porous else None
 
     def build(scene):
-        medium = _medium(scene, domain, stopwatch) if domain else interface_medium(scene, mesh, stopwatch)
+        medium = (
+            _medium(scene, domain, stopwatch)
+            if domain
+            else interface_medium(scene, mesh, stopwatch)
+        )
         medium.tried = tried_by_itself(scene)
         return medium
 
@@ -115,9 +142,11 @@ def _start(medium, scene):
 
 def _medium(scene, domain, stopwatch):
     """Return the coupling scheme of a scene without "auto" terms, at rest (collective)."""
-    mesh, materials = domain.mesh, materials_of(scene, domain.mesh)
+    mesh = domain.mesh
+    materials = materials_of(scene, domain.mesh)
     setups = [setup(scene, domain, materials, stopwatch) for setup in (solid_setup, fluid_setup)]
-    solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
+    solid = SolidPhase(setups[0])
+    fluid = FluidPhase(setups[1])
     choice = scene.coupling
     common = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
     if choice.scheme in MIXTURES:

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 def write(simulation: Simulation, directory: Path) -> Path:
     """Write the accepted state of a simulation and return the path of the file (collective)."""
-    loop, coupling, scene = simulation.loop, simulation.coupling, simulation.scene
+    loop = simulation.loop
+    coupling = simulation.coupling
+    scene = simulation.scene
     control = loop.control
     with simulation.stopwatch.measure("output"):
         header = {

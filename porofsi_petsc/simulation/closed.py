@@ -1,4 +1,6 @@
-"""What closes a free fluid: boundaries of known velocity, whose data must balance, or a solid, for which the scheme is chosen."""
+"""What closes a free fluid: boundaries of known velocity, whose data must balance, or a solid, for
+which the scheme is chosen.
+"""
 
 from typing import NamedTuple
 
@@ -9,10 +11,11 @@ from .setups import MONOLITHIC
 
 
 def closed_parts(scene, domain, velocity, entries, held):
-    """Return the `fem.closed.ClosedPart`s of a fluid (collective); raise IncompatibleData where its data have a net flux.
+    """Return the `fem.closed.ClosedPart`s of a fluid (collective); raise IncompatibleData where its
+    data have a net flux.
 
-    velocity, entries : the `Dirichlet` of the fluid and what it was made of; held : (n_local, d) bool, where it sticks to a solid
-    whose motion is prescribed
+    velocity, entries : the `Dirichlet` of the fluid and what it was made of; held : (n_local, d)
+    bool, where it sticks to a solid whose motion is prescribed
     """
     where = str(scene.source_path or "scene")
     found = closed_nodes(domain, velocity.mask | held)
@@ -33,11 +36,14 @@ class InterfaceScheme(NamedTuple):
 
 
 def interface_scheme(scene, closed_by_solid, direct):
-    """Return the `InterfaceScheme` of a scene; raise InputError where what it asks for leaves the pressure no level.
+    """Return the `InterfaceScheme` of a scene; raise InputError where what it asks for leaves the
+    pressure no level.
 
-    closed_by_solid : whether a part of the fluid is closed when the velocity of the interface is known.  Told it all around, the
-    fluid cannot keep its volume, and no force tells the solid how much room to make: schemes that solve for both, or tell the
-    fluid a mixture of velocity and force, do.  direct : whether a mesh of this size is solved by factorizations
+    closed_by_solid : whether a part of the fluid is closed when the velocity of the interface is
+    known.  Told it all around, the fluid cannot keep its volume, and no force tells the solid how
+    much room to make: schemes that solve for both, or tell the
+    fluid a mixture of velocity and force, do.  direct : whether a mesh of this size is solved by
+    factorizations
     """
     choice = scene.coupling
     told = choice.scheme not in MONOLITHIC and choice.interface in ("auto", "dirichlet_neumann")
@@ -46,21 +52,47 @@ def interface_scheme(scene, closed_by_solid, direct):
         return InterfaceScheme(choice.scheme, pair)
     _require_free_choice(scene)
     robin = not direct and scene.time.scheme == "generalized_alpha" and scene.model.solid_inertia
-    chosen = InterfaceScheme("partitioned", "robin_neumann") if robin else InterfaceScheme("direct", pair)
+    chosen = (
+        InterfaceScheme("partitioned", "robin_neumann")
+        if robin
+        else InterfaceScheme("direct", pair)
+    )
     key = 'coupling.interface = "robin_neumann"' if robin else 'coupling.scheme = "direct"'
     return chosen._replace(
-        notices=(f"the solid closes the fluid: {key}, because told its velocity all around the fluid has no level",)
+        notices=(
+            (
+                f"the solid closes the fluid: {key}, because told its velocity all around the fluid"
+                " has no level"
+            ),
+        )
     )
 
 
 def _require_free_choice(scene):
-    """Raise InputError where a fluid that the solid closes would be told its velocity because the scene wants it so."""
-    choice, where = scene.coupling, scene.source_path or "scene"
-    why = "with a fluid that the solid closes: told its velocity all around, its pressure has no level"
+    """Raise InputError where a fluid that the solid closes would be told its velocity because the
+    scene wants it so.
+    """
+    choice = scene.coupling
+    where = scene.source_path or "scene"
+    why = (
+        "with a fluid that the solid closes: told its velocity all around, its pressure has no"
+        " level"
+    )
     if scene.interface:
-        advice = "mesh both sides with common nodes and without [[interface]], or leave a boundary of the fluid open"
-        raise InputError(f"{where} [interface.0]: received sides with nodes of their own {why}; {advice}")
-    for key, value, free in (("scheme", choice.scheme, "partitioned"), ("interface", choice.interface, "auto")):
+        advice = (
+            "mesh both sides with common nodes and without [[interface]], or leave a boundary of"
+            " the fluid open"
+        )
+        raise InputError(
+            f"{where} [interface.0]: received sides with nodes of their own {why}; {advice}"
+        )
+    for key, value, free in (
+        ("scheme", choice.scheme, "partitioned"),
+        ("interface", choice.interface, "auto"),
+    ):
         if value != free:
-            advice = "leave it out, or take coupling.scheme = 'direct' or coupling.interface = 'robin_neumann'"
+            advice = (
+                "leave it out, or take coupling.scheme = 'direct' or coupling.interface ="
+                " 'robin_neumann'"
+            )
             raise InputError(f"{where} [coupling.{key}]: received '{value}' {why}; {advice}")

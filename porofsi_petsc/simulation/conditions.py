@@ -1,4 +1,6 @@
-"""The essential conditions of a scene: which values hold where, and at which times they are looked at before a run."""
+"""The essential conditions of a scene: which values hold where, and at which times they are looked
+at before a run.
+"""
 
 import numpy as np
 
@@ -6,31 +8,42 @@ from ..fem.essential import Dirichlet, Essential
 
 AXES = "xyz"
 AT_ONCE = 1e-15  # 0+, in first steps: a ramp, even one like √t, has not begun
-RATE = 1e-5  # in first steps: the distance of the points from which a rate is extrapolated, far below what a step resolves
+# in first steps: the distance of the points from which a rate is extrapolated, far below what a
+# step resolves
+RATE = 1e-5
 ROUND_OFF = 1e-14  # of a value that a formula gives, some tens of units in the last place
-SAMPLES = 16  # times of a run at which values on common nodes are compared before it starts; every step compares its own
+# times of a run at which values on common nodes are compared before it starts; every step compares
+# its own
+SAMPLES = 16
 
 
 def components(vector):
     """Return dict component -> expression of the given components of a `config.Vector`."""
-    return {i: getattr(vector, axis) for i, axis in enumerate(AXES) if getattr(vector, axis) is not None}
+    return {
+        i: getattr(vector, axis) for i, axis in enumerate(AXES) if getattr(vector, axis) is not None
+    }
 
 
 def essentials(scene, quantity, tags=None):
     """Return the `Essential`s of displacement, velocity or pressure, on the tags if some are given.
 
-    On a node that several share, the highest `priority` holds; at the same one a wall, a velocity of zero, before others.
+    On a node that several share, the highest `priority` holds; at the same one a wall, a velocity
+    of zero, before others.
     """
     found = []
     for i, boundary in enumerate(scene.boundary):
         value = getattr(boundary, quantity)
         given = {0: value} if quantity == "pressure" else components(value)
         for component, expression in given.items():
-            key = f"boundary.{i}.{quantity}" + ("" if quantity == "pressure" else f".{AXES[component]}")
+            key = f"boundary.{i}.{quantity}" + (
+                "" if quantity == "pressure" else f".{AXES[component]}"
+            )
             wall = quantity == "velocity" and expression is not None and _is_zero(expression)
             for tag in boundary.on if expression is not None else ():
                 if tags is None or tag in tags:
-                    found.append(Essential(tag, component, expression, 2 * boundary.priority + wall, key))
+                    found.append(
+                        Essential(tag, component, expression, 2 * boundary.priority + wall, key)
+                    )
     return found
 
 
@@ -40,17 +53,29 @@ def _is_zero(expression):
 
 
 def dirichlet(scene, mesh, components, given):
-    """Return the `Dirichlet` of some `Essential`s of a scene, which are compared at `sample_times` (collective)."""
-    return Dirichlet(mesh, components, given, sample_times(scene.time), scene.source_path or "scene")
+    """Return the `Dirichlet` of some `Essential`s of a scene, which are compared at `sample_times`
+    (collective).
+    """
+    return Dirichlet(
+        mesh, components, given, sample_times(scene.time), scene.source_path or "scene"
+    )
 
 
 def sample_times(section):
-    """Return times that stand for a whole run [s]: 0+, the first step, and SAMPLES parts of the rest."""
-    return [at_once(section), section.step, *np.linspace(0.0, section.end, SAMPLES + 1)[1:].tolist()]
+    """Return times that stand for a whole run [s]: 0+, the first step, and SAMPLES parts of the
+    rest.
+    """
+    return [
+        at_once(section),
+        section.step,
+        *np.linspace(0.0, section.end, SAMPLES + 1)[1:].tolist(),
+    ]
 
 
 def at_once(section):
-    """Return a time that stands for 0+ [s]: after `where(t > 0, …)` switches, before anything else has changed."""
+    """Return a time that stands for 0+ [s]: after `where(t > 0, …)` switches, before anything else
+    has changed.
+    """
     return AT_ONCE * section.step
 
 
@@ -60,14 +85,17 @@ def just_after(t, section):
 
 
 def rate_after(values, t, section):
-    """Return the right-hand derivative at t of values(t) -> (n,), and a bound of its error, (n,) each.
+    """Return the right-hand derivative at t of values(t) -> (n,), and a bound of its error, (n,)
+    each.
 
     Quotients q₁, q₂ over (t + δ, t + 2δ, t + 3δ) are those at 3/2 δ and 5/2 δ but for O(δ²), hence
-    f'(t+) = q₁ - 3/2 (q₂ - q₁) + O(δ²).  Twice the correction bounds the error of a start like t^{3/2} too.
+    f'(t+) = q₁ - 3/2 (q₂ - q₁) + O(δ²).  Twice the correction bounds the error of a start like
+    t^{3/2} too.
     """
     delta = RATE * section.step
     first, second, third = (values(t + n * delta) for n in (1, 2, 3))
-    quotient, correction = (second - first) / delta, 1.5 * (third - 2 * second + first) / delta
+    quotient = (second - first) / delta
+    correction = 1.5 * (third - 2 * second + first) / delta
     return quotient - correction, 2 * np.abs(correction) + ROUND_OFF * np.abs(second) / delta
 
 
@@ -81,17 +109,23 @@ def nodes_of(mesh, tags):
 
 
 def no_slip_nodes(scene, mesh):
-    """Return the nodes with v_f = v_s, (n_local,) bool: not where a velocity of higher priority holds (collective)."""
+    """Return the nodes with v_f = v_s, (n_local,) bool: not where a velocity of higher priority
+    holds (collective).
+    """
     walls = [(b.priority, tag) for b in scene.boundary if b.no_slip for tag in b.on]
     held = [(b.priority, tag) for b in scene.boundary if components(b.velocity) for tag in b.on]
     mask = np.zeros(mesh.n_local, dtype=bool)
     for priority, wall in walls:
-        mask |= nodes_of(mesh, [wall]) & ~nodes_of(mesh, [tag for higher, tag in held if higher > priority])
+        mask |= nodes_of(mesh, [wall]) & ~nodes_of(
+            mesh, [tag for higher, tag in held if higher > priority]
+        )
     return mask
 
 
 def nodal_field(mesh, vector):
-    """Return the nodal values of a `config.Vector` at t = 0, (n_local, d); zero where a component is absent."""
+    """Return the nodal values of a `config.Vector` at t = 0, (n_local, d); zero where a component
+    is absent.
+    """
     field = np.zeros((mesh.n_local, mesh.dim))
     for component, expression in components(vector).items():
         field[:, component] = expression(0.0, mesh.X)

@@ -1,4 +1,6 @@
-"""Steady steps: where the iteration fails from the state before, along the load, from a part of it to the whole."""
+"""Steady steps: where the iteration fails from the state before, along the load, from a part of it
+to the whole.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,12 +9,17 @@ from ..errors import ConvergenceError
 from ..log import logger
 
 FIRST, SMALLEST = 0.5, 1 / 64  # parts of the load: the first one tried, and below which none is
-ADVICE = 'try a finer mesh, smaller steps of the data or more coupling.max_iterations, or time.scheme = "generalized_alpha"'
+ADVICE = (
+    "try a finer mesh, smaller steps of the data or more coupling.max_iterations, or time.scheme ="
+    ' "generalized_alpha"'
+)
 
 
 @dataclass(frozen=True)
 class Scaled:
-    """An expression of (t, x) on the way of a `LoadFactor`; `source` is its text, by which equal ones are known."""
+    """An expression of (t, x) on the way of a `LoadFactor`; `source` is its text, by which equal
+    ones are known.
+    """
 
     factor: "LoadFactor"
     expression: Callable
@@ -24,21 +31,24 @@ class Scaled:
 
     def __call__(self, t, X):
         """Return the values at points X (n, d), (n,)."""
-        part, since = self.factor.value, self.factor.since
+        part = self.factor.value
+        since = self.factor.since
         if part == 1 or since is None:
             return part * self.expression(t, X)
         return (1 - part) * self.expression(since, X) + part * self.expression(t, X)
 
 
 class LoadFactor:
-    """The part λ of the way to all boundary data and body forces of a scene: 1, but within a step that is continued.
+    """The part λ of the way to all boundary data and body forces of a scene: 1, but within a step
+    that is continued.
 
     since : time [s] of the state that the way sets out from; None: from none of the data
     """
 
     def __init__(self):
         """Start with the whole load."""
-        self.value, self.since = 1.0, None
+        self.value = 1.0
+        self.since = None
 
     def of(self, expression):
         """Return the expression `Scaled` by this factor."""
@@ -48,17 +58,25 @@ class LoadFactor:
 class Continuation:
     """Solve steady steps of a medium whose data have a `LoadFactor`.
 
-    Newton's iteration converges from near by: from rest, or from the data of the step before, it may not reach the next state,
-    from that under a part of the way, with the data as the parameter of the path, it does as long as there is one.  A part that
-    fails is halved, one that succeeds is doubled.
+    Newton's iteration converges from near by: from rest, or from the data of the step before, it
+    may not reach the next state, from that under a part of the way, with the data as the parameter
+    of the path, it does as long as there is one.  A part that fails is halved, one that succeeds is
+    doubled.
     """
 
     def __init__(self, coupling, clock, solve):
-        """Take the medium, the `Clock` that counts the parts, and what solves the next step at once: (schemes, rates)."""
-        self._coupling, self._clock, self._solve, self._factor = coupling, clock, solve, coupling.load_factor
+        """Take the medium, the `Clock` that counts the parts, and what solves the next step at
+        once: (schemes, rates).
+        """
+        self._coupling = coupling
+        self._clock = clock
+        self._solve = solve
+        self._factor = coupling.load_factor
 
     def solve(self, schemes, rates):
-        """Solve the next step; raise ConvergenceError, changing nothing, where no path leads to it (collective)."""
+        """Solve the next step; raise ConvergenceError, changing nothing, where no path leads to it
+        (collective).
+        """
         try:
             return self._solve(schemes, rates)
         except ConvergenceError as error:
@@ -76,8 +94,12 @@ class Continuation:
 
     def _along(self, schemes, rates):
         """Follow the path to the whole load and return the number of its parts."""
-        self._reached, part, parts, iterations = 0.0, FIRST, 0, 0
-        coupling, clock = self._coupling, self._clock
+        self._reached = 0.0
+        part = FIRST
+        parts = 0
+        iterations = 0
+        coupling = self._coupling
+        clock = self._clock
         self._factor.since = clock.t if clock.step else None
         while self._reached < 1:
             self._factor.value = min(self._reached + part, 1.0)
@@ -89,7 +111,10 @@ class Continuation:
                 if part < SMALLEST:
                     raise
                 continue
-            parts, iterations, self._reached, part = parts + 1, iterations + coupling.iterations, self._factor.value, 2 * part
+            parts = parts + 1
+            iterations = iterations + coupling.iterations
+            self._reached = self._factor.value
+            part = 2 * part
             if self._reached < 1:
                 coupling.accept()
         coupling.iterations = iterations
@@ -97,6 +122,9 @@ class Continuation:
 
     def _count(self, parts):
         if not self._clock.load_parts:
-            text = "step %d does not converge from the state before: load continuation in %d parts (said once, see summary.json)"
+            text = (
+                "step %d does not converge from the state before: load continuation in %d parts"
+                " (said once, see summary.json)"
+            )
             logger.info(text, self._clock.step + 1, parts)
         self._clock.load_parts += parts

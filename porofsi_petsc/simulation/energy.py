@@ -1,11 +1,13 @@
 """Energy balance of a run: what the loads did, where it is, and what dissipated it.
 
-With the residuals of both phases tested by their collocated velocities and pressure, every converged step satisfies
+With the residuals of both phases tested by their collocated velocities and pressure, every
+converged step satisfies
 
-    P_external = P_inertia + P_stress + D_drag + D_viscous + D_stabilization      (pressure and volume balance cancel)
+    P_external = P_inertia + P_stress + D_drag + D_viscous + D_stabilization      (pressure and
+    volume balance cancel)
 
-to solver tolerance.  The time scheme's own dissipation is Δt (P_inertia + P_stress) - Δ(kinetic + elastic energy); with finite
-strain it holds the transport of fluid through the boundary as well.
+to solver tolerance.  The time scheme's own dissipation is Δt (P_inertia + P_stress) - Δ(kinetic +
+elastic energy); with finite strain it holds the transport of fluid through the boundary as well.
 """
 
 from dataclasses import asdict, dataclass
@@ -27,12 +29,17 @@ class Energy:
 
     def start(self, kinetic, elastic):
         """Set the energies of the initial state."""
-        self.kinetic, self.elastic, self.initial = kinetic, elastic, kinetic + elastic
+        self.kinetic = kinetic
+        self.elastic = elastic
+        self.initial = kinetic + elastic
 
     def remodel(self, kinetic, elastic):
-        """Go on with the energies of another [model] of the same state; the difference counts as given at the start."""
+        """Go on with the energies of another [model] of the same state; the difference counts as
+        given at the start.
+        """
         self.initial += kinetic + elastic - self.kinetic - self.elastic
-        self.kinetic, self.elastic = kinetic, elastic
+        self.kinetic = kinetic
+        self.elastic = elastic
 
     def add_step(self, dt, powers, kinetic, elastic):
         """Add an accepted step: powers as `step_powers` gives them, energies at its end."""
@@ -42,14 +49,18 @@ class Energy:
         self.viscous_dissipation += dt * powers["viscous"]
         self.stabilization_dissipation += dt * powers["stabilization"]
         self.time_scheme_dissipation += stored - (kinetic + elastic - self.kinetic - self.elastic)
-        self.kinetic, self.elastic = kinetic, elastic
+        self.kinetic = kinetic
+        self.elastic = elastic
         self.largest_work = max(self.largest_work, abs(self.external_work))
 
     @property
     def balance_error(self):
         """Return external work minus change of energy minus all dissipations [J]."""
         dissipated = (
-            self.drag_dissipation + self.viscous_dissipation + self.stabilization_dissipation + self.time_scheme_dissipation
+            self.drag_dissipation
+            + self.viscous_dissipation
+            + self.stabilization_dissipation
+            + self.time_scheme_dissipation
         )
         return self.external_work - (self.kinetic + self.elastic - self.initial) - dissipated
 
@@ -81,14 +92,26 @@ class Energy:
 
 
 def step_powers(solid_residual, fluid_residuals, v_s, v_f, p):
-    """Return the powers of a converged step [W]; v_s, v_f (n_owned, d), p (n_owned, 1) on the collocation level (collective).
+    """Return the powers of a converged step [W]; v_s, v_f (n_owned, d), p (n_owned, 1) on the
+    collocation level (collective).
 
     The power of what holds prescribed values (reactions) belongs to the external one.
     """
     momentum, volume = fluid_residuals
-    solid, fluid, mass = solid_residual.power(v_s), momentum.power(v_f), volume.power(p)
-    reactions = solid_residual.reaction_power(v_s) + momentum.reaction_power(v_f) + volume.reaction_power(p)
-    external = reactions - solid["traction"] - solid["body"] - fluid["body"] - fluid["traction"] - mass["flux"]
+    solid = solid_residual.power(v_s)
+    fluid = momentum.power(v_f)
+    mass = volume.power(p)
+    reactions = (
+        solid_residual.reaction_power(v_s) + momentum.reaction_power(v_f) + volume.reaction_power(p)
+    )
+    external = (
+        reactions
+        - solid["traction"]
+        - solid["body"]
+        - fluid["body"]
+        - fluid["traction"]
+        - mass["flux"]
+    )
     external -= solid.get("interface", 0.0)  # what the fluid does there is among the reactions
     return {
         "external": external,

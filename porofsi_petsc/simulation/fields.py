@@ -19,15 +19,18 @@ UNITS = {
 
 
 class Fields(Mapping):
-    """Name of a field (`UNITS`) -> its values on the nodes of this rank, (n_owned, k); getting one is collective.
+    """Name of a field (`UNITS`) -> its values on the nodes of this rank, (n_owned, k); getting one
+    is collective.
 
-    k is 1 for a scalar, the dimension for a vector and 6 (xx, xy, xz, yy, yz, zz) for the effective stress of the solid; beside a
-    solid without pores displacement and solid velocity are those of the mesh in the fluid.
+    k is 1 for a scalar, the dimension for a vector and 6 (xx, xy, xz, yy, yz, zz) for the effective
+    stress of the solid; beside a solid without pores displacement and solid velocity are those of
+    the mesh in the fluid.
     """
 
     def __init__(self, scene: Scene, coupling: Medium, measures: Measures):
         """Take what has the accepted state."""
-        self._coupling, self._measures = coupling, measures
+        self._coupling = coupling
+        self._measures = measures
         self._names = [name for name in UNITS if scene.is_porous or name != "porosity"]
 
     def __iter__(self) -> Iterator[str]:
@@ -39,7 +42,8 @@ class Fields(Mapping):
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self._names:
             raise KeyError(f"received '{name}', expected one of {', '.join(self._names)}")
-        coupling, n = self._coupling, self._coupling.solid.mesh.n_owned
+        coupling = self._coupling
+        n = self._coupling.solid.mesh.n_owned
         if name == "stress":
             return self._measures.stress(coupling.solid.u)
         if name == "porosity":
@@ -64,7 +68,11 @@ class Fields(Mapping):
         return mesh.X[: mesh.n_owned].copy()
 
     def gathered(self, name: str) -> np.ndarray | None:
-        """Return a field, or "points", in the order of the mesh file, (N, k), on rank 0, None on the others (collective)."""
+        """Return a field, or "points", in the order of the mesh file, (N, k), on rank 0, None on
+        the others (collective).
+        """
         mesh = self._coupling.solid.mesh
-        slabs = mesh.comm.gather(mesh.order.to_slab(self.points if name == "points" else self[name]))
+        slabs = mesh.comm.gather(
+            mesh.order.to_slab(self.points if name == "points" else self[name])
+        )
         return None if slabs is None else np.concatenate(slabs)

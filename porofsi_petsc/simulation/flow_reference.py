@@ -11,13 +11,16 @@ FLOWS = {"kovasznay": Kovasznay, "taylor_green": TaylorGreen, "ethier_steinman":
 class FlowComparison(Comparison):
     """Errors of a free fluid against a flow of `exact.flows`, over the whole mesh.
 
-    That of the velocity is taken over the exact one, that of the pressure, whose level does not count, over ρU² and √volume.
+    That of the velocity is taken over the exact one, that of the pressure, whose level does not
+    count, over ρU² and √volume.
     """
 
     def __init__(self, scene, domain):
         """Prepare the quadrature over the owned elements of the fluid's domain (collective)."""
         section, (material,) = scene.reference, scene.material
-        self._exact = FLOWS[section.solution](material.fluid.density, material.fluid.viscosity, section.speed, section.length)
+        self._exact = FLOWS[section.solution](
+            material.fluid.density, material.fluid.viscosity, section.speed, section.length
+        )
         self._prepare(scene, domain)
 
     def _errors(self, t, v, p):
@@ -26,7 +29,10 @@ class FlowComparison(Comparison):
         volume = self._norm(np.ones(len(wrong))) ** 2
         level = self._domain.mesh.comm.allreduce(float(wrong @ self._dV.ravel())) / volume
         size = self._exact.density * self._exact.speed**2 * np.sqrt(volume)
-        return {"v": self._norm(self._at_points(v) - exact) / self._norm(exact), "p": self._norm(wrong - level) / size}
+        return {
+            "v": self._norm(self._at_points(v) - exact) / self._norm(exact),
+            "p": self._norm(wrong - level) / size,
+        }
 
     def _profile(self, t, v, p):
         return {}

@@ -1,4 +1,6 @@
-"""The forces that a scene asks for: of the fluid on its surfaces, of the solid where no fluid is behind them."""
+"""The forces that a scene asks for: of the fluid on its surfaces, of the solid where no fluid is
+behind them.
+"""
 
 import numpy as np
 from mpi4py import MPI
@@ -12,12 +14,14 @@ class Forces:
 
     def __init__(self, scene, coupling):
         """Find the surfaces (collective)."""
-        self._coupling, self._comm = coupling, coupling.solid.mesh.comm
+        self._coupling = coupling
+        self._comm = coupling.solid.mesh.comm
         self._surfaces = [self._surface(force.on) for force in scene.force]
         self._interface = FluidForce.on_interface(coupling.fluid.setup)
 
     def _surface(self, tags):
-        solid, fluid = self._coupling.solid, self._coupling.fluid
+        solid = self._coupling.solid
+        fluid = self._coupling.fluid
         if has_facets(fluid.domain, tags):
             return FluidForce.on(fluid.setup, tags)
         return SolidForce.on(solid.setup, tags)
@@ -37,12 +41,15 @@ class Forces:
         return self._comm.allreduce(bool(mine), MPI.LOR)
 
     def _flow(self, t):
-        fluid, carrier = self._coupling.fluid, self._coupling.accepted_carrier()
+        fluid = self._coupling.fluid
+        carrier = self._coupling.accepted_carrier()
         through = fluid.v - carrier.mesh_velocity
         return State(fluid.force, t, carrier.displacement, fluid.v, through, fluid.p)
 
     def _solid(self, t, flow):
-        """Return the state of the solid; what a fluid does to other walls at the rim of the interface is not its load."""
+        """Return the state of the solid; what a fluid does to other walls at the rim of the
+        interface is not its load.
+        """
         solid = self._coupling.solid
         others = self._coupling.to_solid(self._interface.of_others(flow))
         return State(solid.force - others, t, solid.u)

@@ -1,4 +1,6 @@
-"""What the parts of a run write into the header of a checkpoint, checked before any of them takes it back."""
+"""What the parts of a run write into the header of a checkpoint, checked before any of them takes
+it back.
+"""
 
 import math
 import sys
@@ -22,14 +24,21 @@ def _is_number(value):
 
 
 TEXT = Kind("text", lambda value: type(value) is str)
-FLOAT = Kind("a number", lambda value: type(value) in (int, float))  # it may be one that is not finite
+FLOAT = Kind(
+    "a number", lambda value: type(value) in (int, float)
+)  # it may be one that is not finite
 NUMBER = Kind("a finite number", _is_number)
 SIZE = Kind("a number of at least 0", lambda value: _is_number(value) and value >= 0)
-EXTENT = Kind("a number of at least 0 or infinity", lambda value: SIZE.holds(value) or value == math.inf)
+EXTENT = Kind(
+    "a number of at least 0 or infinity", lambda value: SIZE.holds(value) or value == math.inf
+)
 POSITIVE = Kind("a positive number", lambda value: _is_number(value) and value > 0)
-COUNT = Kind("a whole number of at least 0", lambda value: type(value) is int and 0 <= value <= sys.maxsize)
+COUNT = Kind(
+    "a whole number of at least 0", lambda value: type(value) is int and 0 <= value <= sys.maxsize
+)
 
-# A dict is a table, "*" any key, a key with "?" one that may be absent or null; a list stands for entries of one kind.
+# A dict is a table, "*" any key, a key with "?" one that may be absent or null; a list stands for
+# entries of one kind.
 CLOCK = {
     "t": SIZE,
     "step": COUNT,
@@ -48,7 +57,9 @@ COUPLING = {
     "largest": {"*": SIZE},
     "columns?": [COUNT],
     "mesh?": {"smallest_ratio": NUMBER, "worst_shape": NUMBER, "trail?": [[NUMBER]]},
-    "switched?": [{"term": TEXT, "step": COUNT, "t": SIZE, "measure": TEXT, "size": NUMBER, "bound": NUMBER}],
+    "switched?": [
+        {"term": TEXT, "step": COUNT, "t": SIZE, "measure": TEXT, "size": NUMBER, "bound": NUMBER}
+    ],
 }
 ERROR = {"at": NUMBER, "t": NUMBER, "u?": FLOAT, "v?": FLOAT, "p": FLOAT, "profile": {"*": [FLOAT]}}
 MEASURES = {"sizes": {"*": EXTENT}, "roughness": SIZE, "largest_pressure": SIZE, "errors": [ERROR]}
@@ -72,7 +83,9 @@ HEADER = {
 
 
 def mistake(header: dict) -> str:
-    """Return what is wrong in a header, "" where every entry has its kind and none contradicts another."""
+    """Return what is wrong in a header, "" where every entry has its kind and none contradicts
+    another.
+    """
     return next(_mistakes(HEADER, header, ()), "") or _contradiction(header)
 
 
@@ -86,7 +99,10 @@ def _mistakes(kind, value, place):
         for i, entry in enumerate(value):
             yield from _mistakes(kind[0], entry, (*place, i))
     elif isinstance(kind, (dict, list)):
-        yield f"its entry {name} is {shown(value)}, expected a {'table' if isinstance(kind, dict) else 'list'}"
+        yield (
+            f"its entry {name} is {shown(value)}, expected a"
+            f" {'table' if isinstance(kind, dict) else 'list'}"
+        )
     elif not kind.holds(value):
         yield f"its entry {name} is {shown(value)}, expected {kind.name}"
 

@@ -1,4 +1,6 @@
-"""From a scene of solids and free fluids to the two phases, the motion of the mesh and their coupling."""
+"""From a scene of solids and free fluids to the two phases, the motion of the mesh and their
+coupling.
+"""
 
 import numpy as np
 
@@ -8,7 +10,14 @@ from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
-from ..fem.boundary import InterfaceMass, InterfacePressure, OpenBoundary, SurfaceLoad, has_facets, tags_of
+from ..fem.boundary import (
+    InterfaceMass,
+    InterfacePressure,
+    OpenBoundary,
+    SurfaceLoad,
+    has_facets,
+    tags_of,
+)
 from ..fem.closed import closed_nodes
 from ..fem.domain import Domain
 from ..fem.essential import Essential
@@ -27,7 +36,8 @@ from .continuation import LoadFactor
 from .setups import MONOLITHIC, is_direct, materials_of
 from .start import put_at_start
 
-# Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for each of them.
+# Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for
+# each of them.
 CONDENSED = 1500
 # What the fluid sees of the solid in a scheme.
 SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
@@ -37,17 +47,21 @@ def interface_medium(scene, mesh, stopwatch):
     """Return the coupling of a scene without porous materials in its initial state (collective)."""
     builder = _Builder(scene, mesh, stopwatch)
     setups = builder.solid(), builder.fluid(), builder.motion()
-    solid, fluid = SolidPhase(setups[0]), FluidPhase(setups[1])
+    solid = SolidPhase(setups[0])
+    fluid = FluidPhase(setups[1])
     motion = MeshMotion(setups[2], fluid.domain, scene.model.viscosity)
     put_at_start(scene, solid, fluid, motion, builder.transfer)
     coupling = _coupling(builder, setups, solid, fluid, motion)
-    coupling.load_factor, coupling.notices = builder.load_factor, builder.notices
+    coupling.load_factor = builder.load_factor
+    coupling.notices = builder.notices
     return coupling
 
 
 def _coupling(builder, setups, solid, fluid, motion):
     """Return the coupling scheme of the phases (collective)."""
-    choice, conditions, transfer = builder.scene.coupling, builder.conditions(), builder.transfer
+    choice = builder.scene.coupling
+    conditions = builder.conditions()
+    transfer = builder.transfer
 
     def accelerator(dot, name=choice.accelerator):
         first = conditions.first_factor if choice.relaxation is None else choice.relaxation
@@ -56,40 +70,63 @@ def _coupling(builder, setups, solid, fluid, motion):
     medium = solid, fluid, solid.mesh.comm, choice.tolerance, choice.max_iterations
     both = {"motion": motion, "transfer": transfer}
     if builder.scheme in MONOLITHIC:
-        mixture = InterfaceMixture(solid, fluid, motion, setups, transfer.fluid_nodes, builder.scheme == "direct")
+        mixture = InterfaceMixture(
+            solid, fluid, motion, setups, transfer.fluid_nodes, builder.scheme == "direct"
+        )
         return InterfaceMonolithic(*medium, mixture, **both)
     if builder.condenses:
         answer = CondensedSolid(solid, fluid)
         return CondensedCoupling(*medium, builder.scene.full_newton, answer=answer, **both)
     medium = *medium, accelerator, builder.scene.full_newton
-    return InterfaceCoupling(*medium, sees=SEES[builder.scheme], conditions=conditions, pressure=builder.pressure, **both)
+    return InterfaceCoupling(
+        *medium, sees=SEES[builder.scheme], conditions=conditions, pressure=builder.pressure, **both
+    )
 
 
 class _Builder:
     """The setups of the phases on their parts of a mesh."""
 
     def __init__(self, scene, mesh, stopwatch):
-        self.scene, self.mesh = scene, mesh
+        self.scene = scene
+        self.mesh = mesh
         self.load_factor = LoadFactor() if scene.time.scheme == "steady" else None
         self._materials = materials = materials_of(scene, mesh)
         self._free = {region: m for region, m in materials.items() if m.is_free_fluid}
-        self._solids = {region: m.immersed for region, m in materials.items() if not m.is_free_fluid}
+        self._solids = {
+            region: m.immersed for region, m in materials.items() if not m.is_free_fluid
+        }
         self._pores = [region for region, m in materials.items() if 0 < m.n_s0 < 1]
         self._fluids = self._free | {region: materials[region].pore_fluid for region in self._pores}
-        self._solid_domain, self._fluid_domain = Domain(mesh, self._solids), Domain(mesh, self._fluids)
-        self._solid_tags, self._fluid_tags = (tags_of(mesh, domain.row_of_cell) for domain in self._domains)
+        self._solid_domain = Domain(mesh, self._solids)
+        self._fluid_domain = Domain(mesh, self._fluids)
+        self._solid_tags, self._fluid_tags = (
+            tags_of(mesh, domain.row_of_cell) for domain in self._domains
+        )
         dense = Domain(mesh, [region for region in self._solids if region not in self._pores])
         where = scene.source_path or "scene"
-        pairs = [Pair(pair.fluid, pair.solid, f"{where} [interface.{i}]") for i, pair in enumerate(scene.interface)]
+        pairs = [
+            Pair(pair.fluid, pair.solid, f"{where} [interface.{i}]")
+            for i, pair in enumerate(scene.interface)
+        ]
         self.transfer = InterfaceTransfer(mesh, dense.holds & self._fluid_domain.holds, pairs)
         self._velocity = self._dirichlet("velocity", self._fluid_tags)
-        self._held, self._sticks = self._dirichlet("displacement", self._solid_tags).mask, self.transfer.fluid_nodes[:, None]
+        self._held = self._dirichlet("displacement", self._solid_tags).mask
+        self._sticks = self.transfer.fluid_nodes[:, None]
         chosen = self._scheme()
-        self.scheme, self._pair, self.notices = chosen.scheme, chosen.pair, chosen.notices
-        solid_tags, fluid_tags = ([tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid"))
+        self.scheme = chosen.scheme
+        self._pair = chosen.pair
+        self.notices = chosen.notices
+        solid_tags, fluid_tags = (
+            [tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid")
+        )
         solid, fluid = self._domains
-        self._masses = InterfaceMass.between(fluid, solid, fluid_tags), InterfaceMass.between(solid, fluid, solid_tags)
-        self.pressure = InterfacePressure(fluid, solid, fluid_tags) if self.scheme == "one_way" else None
+        self._masses = (
+            InterfaceMass.between(fluid, solid, fluid_tags),
+            InterfaceMass.between(solid, fluid, solid_tags),
+        )
+        self.pressure = (
+            InterfacePressure(fluid, solid, fluid_tags) if self.scheme == "one_way" else None
+        )
         self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
 
     def _scheme(self):
@@ -103,21 +140,32 @@ class _Builder:
         return interface_scheme(self.scene, self._closed_by_solid(), is_direct(self.mesh))
 
     def _can_condense(self, choice):
-        time, inertia = self.scene.time.scheme, self.scene.model.solid_inertia
+        time = self.scene.time.scheme
+        inertia = self.scene.model.solid_inertia
         dynamic = choice.scheme == "partitioned" and time == "generalized_alpha" and inertia
         return dynamic and not self.scene.interface and not self._lacks_for_condensing()
 
     def _lacks_for_condensing(self):
-        """Return why the solid's answer is not condensed to the interface, "" where it can be (collective)."""
+        """Return why the solid's answer is not condensed to the interface, "" where it can be
+        (collective).
+        """
         held = int(self.transfer.fluid_nodes[: self.mesh.n_owned].sum())
         unknowns = self.mesh.dim * self.mesh.comm.allreduce(held)
         if self._pores:
             return "beside a porous solid, expected one without pores"
         if not (is_direct(self.mesh) and are_factored("solid_", "fluid_")):
-            return "with iterative solvers, expected factorizations of solid and fluid (2-D, no options against them)"
+            return (
+                "with iterative solvers, expected factorizations of solid and fluid (2-D, no"
+                " options against them)"
+            )
         if unknowns > CONDENSED:
-            return f"with {unknowns} unknowns on the interface, expected {CONDENSED} at most: the answer is a dense matrix"
-        return "" if unknowns else "without a node that solid and fluid share, expected an interface"
+            return (
+                f"with {unknowns} unknowns on the interface, expected {CONDENSED} at most: the"
+                " answer is a dense matrix"
+            )
+        return (
+            "" if unknowns else "without a node that solid and fluid share, expected an interface"
+        )
 
     @property
     def _domains(self):
@@ -134,13 +182,19 @@ class _Builder:
         return bool(model and self._fluid_domain.n_nodes)
 
     def _closed_by_solid(self):
-        """Return whether a part of the fluid is closed, but not by what is held or has a prescribed velocity (collective)."""
-        parts = [closed_nodes(self._fluid_domain, self._velocity.mask | known) for known in self._known]
+        """Return whether a part of the fluid is closed, but not by what is held or has a prescribed
+        velocity (collective).
+        """
+        parts = [
+            closed_nodes(self._fluid_domain, self._velocity.mask | known) for known in self._known
+        ]
         return len(parts[0]) > len(parts[1])
 
     @property
     def _known(self):
-        """Return where the solid tells the fluid its velocity, and where that is prescribed, (n_local, d) bool."""
+        """Return where the solid tells the fluid its velocity, and where that is prescribed,
+        (n_local, d) bool.
+        """
         return self._sticks, self._sticks & self._held
 
     def _loads(self, tags):
@@ -180,13 +234,17 @@ class _Builder:
             mass_scaling=None,
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             told=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
-            reaction=not all([has_facets(self._fluid_domain, force.on) for force in self.scene.force]),
+            reaction=not all(
+                [has_facets(self._fluid_domain, force.on) for force in self.scene.force]
+            ),
             **self._common,
         )
 
     def fluid(self):
         """Return the `FluidSetup`, its velocity prescribed by the solid on the interface."""
-        scene, mesh, stabilization = self.scene, self.mesh, self.scene.stabilization
+        scene = self.scene
+        mesh = self.mesh
+        stabilization = self.scene.stabilization
         given = self._essentials("velocity", self._fluid_tags)
         return FluidSetup(
             domain=self._fluid_domain,
@@ -222,17 +280,30 @@ class _Builder:
     def conditions(self):
         """Return the `coupling.robin.Conditions` of the interface."""
         choice = self.scene.coupling
-        mesh, mass, power = self.mesh, self._masses[0], 1 / (self.mesh.dim - 1)
+        mesh = self.mesh
+        mass = self._masses[0]
+        power = 1 / (self.mesh.dim - 1)
         if not mass.area:
             return Conditions(self._pair, None, choice.robin, self._masses)
-        volume, modulus, rho_s = self._means(self._solid_domain, lambda m: (m.elastic.oedometer_modulus, m.rho_s))
+        volume, modulus, rho_s = self._means(
+            self._solid_domain, lambda m: (m.elastic.oedometer_modulus, m.rho_s)
+        )
         _, rho_f = self._means(self._fluid_domain, lambda m: (m.rho_fR,))
         facets = mesh.comm.allreduce(int(self._fluid_domain.owned[mass.rows].sum()))
-        interface = Interface(modulus, rho_s, rho_f, volume / mass.area, mass.area**power, (mass.area / facets) ** power)
+        interface = Interface(
+            modulus,
+            rho_s,
+            rho_f,
+            volume / mass.area,
+            mass.area**power,
+            (mass.area / facets) ** power,
+        )
         return Conditions(self._pair, interface, choice.robin, self._masses)
 
     def _means(self, domain, properties):
-        """Return the volume of a domain and the means over it of what properties(material) gives (collective)."""
+        """Return the volume of a domain and the means over it of what properties(material) gives
+        (collective).
+        """
         sums = np.zeros(1)
         for region, span in domain.region_slices.items():
             values = np.array([1.0, *properties(self._materials[region])])
@@ -241,11 +312,17 @@ class _Builder:
         return sums[0], *(sums[1:] / sums[0])
 
     def motion(self):
-        """Return the `MeshSetup`: a boundary of the fluid without a prescribed displacement is fixed up to the next one with."""
+        """Return the `MeshSetup`: a boundary of the fluid without a prescribed displacement is
+        fixed up to the next one with.
+        """
         section = self.scene.mesh_motion
         given = self._essentials("displacement", self._fluid_tags)
         fixed = self._fluid_tags - {entry.tag for entry in given}
-        given += [Essential(tag, i, Expression(0.0), -np.inf) for tag in fixed for i in range(self.mesh.dim)]
+        given += [
+            Essential(tag, i, Expression(0.0), -np.inf)
+            for tag in fixed
+            for i in range(self.mesh.dim)
+        ]
         poisson = section.poisson
         return MeshSetup(
             domain=Domain(self.mesh, self._free) if self._pores else self._fluid_domain,

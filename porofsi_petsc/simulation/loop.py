@@ -8,7 +8,14 @@ from mpi4py import MPI
 
 from ..clock import Steady, backward_euler, first_order, implicit_second_order, second_order
 from ..config.steps import RESOLUTION
-from ..errors import SMALLER_STEP, ConvergenceError, IncompatibleData, InputError, LimitError, Stopped
+from ..errors import (
+    SMALLER_STEP,
+    ConvergenceError,
+    IncompatibleData,
+    InputError,
+    LimitError,
+    Stopped,
+)
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
@@ -19,13 +26,17 @@ from .energy import step_powers
 from .fall_back import WORDING, FallBack
 from .step_control import StepControl, StepTooLarge
 
-ABSENT_PREFIXES = ("mesh_",)  # a solver that many scenes do not have; its options may stand in a shared options file
+ABSENT_PREFIXES = (
+    "mesh_",
+)  # a solver that many scenes do not have; its options may stand in a shared options file
 # Raised on all ranks together, so that what follows may be collective.
 COLLECTIVE = (ConvergenceError, IncompatibleData, LimitError, Stopped)
-# Size of the step that finds the accelerations at t = 0, in first steps: its own error of first order is this much smaller than
-# what second order in time allows, and u1 - u0 - dt v0 keeps enough digits for the coupling tolerance (1e-3 stalls at 4e-9).
+# Size of the step that finds the accelerations at t = 0, in first steps: its own error of first
+# order is this much smaller than what second order in time allows, and u1 - u0 - dt v0 keeps enough
+# digits for the coupling tolerance (1e-3 stalls at 4e-9).
 START = 1e-2
-SNAP = 1e-9  # a step that ends this close (in steps) to a multiple of the step, or to the end, ends there
+# a step that ends this close (in steps) to a multiple of the step, or to the end, ends there
+SNAP = 1e-9
 
 
 class Clock:
@@ -34,8 +45,14 @@ class Clock:
     def __init__(self, section):
         """Start at t = 0 with the [time] section of the scene."""
         self._section = section
-        self.t, self.step, self.cuts, self.load_parts, self.nominal = 0.0, 0, 0, 0, section.step
-        self.target = self.substep = None  # end and size of the parts of a nominal step that was cut
+        self.t = 0.0
+        self.step = 0
+        self.cuts = 0
+        self.load_parts = 0
+        self.nominal = section.step
+        self.target = self.substep = (
+            None  # end and size of the parts of a nominal step that was cut
+        )
         self.halvings = 0  # of that step
         self.end = section.end
         self.fall_backs = dict.fromkeys(WORDING, 0)  # remedy -> steps that converged with it only
@@ -46,7 +63,9 @@ class Clock:
         return self.t >= self.end
 
     def next_target(self):
-        """Return the end of the next (or the cut) nominal step [s], which may be the end of the run."""
+        """Return the end of the next (or the cut) nominal step [s], which may be the end of the
+        run.
+        """
         if self.target is not None:
             return min(self.target, self.end)
         target = self.t + self.nominal
@@ -56,12 +75,16 @@ class Clock:
         return self.end if target > self.end - SNAP * self.nominal else target
 
     def size_to(self, target):
-        """Return the step size to the target: the nominal one, to the last digit, wherever it fits."""
+        """Return the step size to the target: the nominal one, to the last digit, wherever it
+        fits.
+        """
         rest = target - self.t
         return self.nominal if abs(rest - self.nominal) < 2 * SNAP * self.nominal else rest
 
     def next_size(self):
-        """Return the size of the next step: the nominal one, or a part of one that was cut; the nominal one at the end."""
+        """Return the size of the next step: the nominal one, or a part of one that was cut; the
+        nominal one at the end.
+        """
         if self.finished:
             return self.nominal
         return min(self.substep or float("inf"), self.size_to(self.next_target()))
@@ -73,8 +96,10 @@ class Clock:
 
     def cut(self, target, dt):
         """Go on to the target in parts of size dt."""
-        self.cuts, self.halvings = self.cuts + 1, self.halvings + 1
-        self.target, self.substep = target, dt
+        self.cuts = self.cuts + 1
+        self.halvings = self.halvings + 1
+        self.target = target
+        self.substep = dt
 
     def _forget_cuts(self):
         self.target = self.substep = None
@@ -86,13 +111,16 @@ class Clock:
         self.nominal = dt
 
     def advance(self, dt, target):
-        """Count an accepted step of size dt on the way to the target; there the nominal step grows for the next one."""
+        """Count an accepted step of size dt on the way to the target; there the nominal step grows
+        for the next one.
+        """
         self.t = target if abs(target - self.t - dt) < SNAP * dt else self.t + dt
         self.step += 1
         if self.t >= target:
             self._forget_cuts()
             self.nominal = min(
-                self.nominal * self._section.growth, max(self._section.max_step or float("inf"), self._section.step)
+                self.nominal * self._section.growth,
+                max(self._section.max_step or float("inf"), self._section.step),
             )
 
     def next_schemes(self, model):
@@ -110,20 +138,38 @@ class Clock:
         return (solid, fluid), _rates(model, solid, fluid)
 
     def starting_schemes(self, model):
-        """Return the same for the small implicit step from which a consistent start takes its accelerations."""
+        """Return the same for the small implicit step from which a consistent start takes its
+        accelerations.
+        """
         dt = START * self.nominal
-        solid, fluid = implicit_second_order(dt), backward_euler(dt)
+        solid = implicit_second_order(dt)
+        fluid = backward_euler(dt)
         return (solid, fluid), _rates(model, solid, fluid)
 
     def state(self):
         """Return the numbers a restart needs."""
-        names = ("t", "step", "cuts", "load_parts", "nominal", "target", "substep", "halvings", "fall_backs")
+        names = (
+            "t",
+            "step",
+            "cuts",
+            "load_parts",
+            "nominal",
+            "target",
+            "substep",
+            "halvings",
+            "fall_backs",
+        )
         return {name: getattr(self, name) for name in names}
 
     def load(self, state):
         """Continue from `state`; a scene without growth keeps its own step size."""
-        self.t, self.step, self.cuts, self.load_parts = state["t"], state["step"], state["cuts"], state.get("load_parts", 0)
-        self.target, self.substep, self.halvings = state["target"], state["substep"], state.get("halvings", 0)
+        self.t = state["t"]
+        self.step = state["step"]
+        self.cuts = state["cuts"]
+        self.load_parts = state.get("load_parts", 0)
+        self.target = state["target"]
+        self.substep = state["substep"]
+        self.halvings = state.get("halvings", 0)
         self.fall_backs |= state.get("fall_backs", {})
         if self._section.growth > 1 or self._section.error_tolerance:
             self.nominal = state["nominal"]
@@ -138,19 +184,23 @@ class StopRequest:
 
     def __init__(self, comm, max_time, advice):
         """Let the time limit [s], None for none, begin; advice : how to go on after the stop."""
-        self._comm, self._advice = comm, advice
+        self._comm = comm
+        self._advice = advice
         self._deadline = time.monotonic() + max_time if max_time else None
 
     def __call__(self, clock):
         """Raise Stopped where the run must stop before its end (collective)."""
         reason = self._reason()
         if reason and not clock.finished:
-            raise Stopped(f"stopped by {reason} at t = {clock.t:g} s (step {clock.step}); {self._advice}")
+            raise Stopped(
+                f"stopped by {reason} at t = {clock.t:g} s (step {clock.step}); {self._advice}"
+            )
 
     def _reason(self):
         """Return why the run must stop, or an empty string (collective)."""
         late = self._deadline is not None and time.monotonic() > self._deadline
-        received, late = self._comm.allreduce(noted(), MPI.MAX), self._comm.allreduce(late, MPI.LOR)
+        received = self._comm.allreduce(noted(), MPI.MAX)
+        late = self._comm.allreduce(late, MPI.LOR)
         if received:
             forget()
             return f"signal {signal.Signals(received).name}"
@@ -161,11 +211,21 @@ class TimeLoop:
     """Advance a coupling from step to step."""
 
     def __init__(self, scene, coupling, energy, measures, after_step: Callable = lambda: None):
-        """Take what is advanced and what measures it; after_step is called after every accepted step (collective)."""
-        self._scene, self._coupling, self._energy, self._measures = scene, coupling, energy, measures
-        self._after_step, self._has_stepped = after_step, False
+        """Take what is advanced and what measures it; after_step is called after every accepted
+        step (collective).
+        """
+        self._scene = scene
+        self._coupling = coupling
+        self._energy = energy
+        self._measures = measures
+        self._after_step = after_step
+        self._has_stepped = False
         self.clock = Clock(scene.time)
-        self.control = StepControl(scene.time, coupling.solid.mesh.comm) if scene.time.error_tolerance else None
+        self.control = (
+            StepControl(scene.time, coupling.solid.mesh.comm)
+            if scene.time.error_tolerance
+            else None
+        )
         self.auto = coupling if auto_terms(scene.model) else None
         self._solve = FallBack(coupling, self.clock).solve
         if coupling.load_factor and scene.coupling.on_failure != "stop":
@@ -179,11 +239,15 @@ class TimeLoop:
 
     @property
     def shared_errors(self):
-        """Return the errors that all ranks raise together: on one rank any InputError of an expression is among them."""
+        """Return the errors that all ranks raise together: on one rank any InputError of an
+        expression is among them.
+        """
         return COLLECTIVE if self._coupling.solid.mesh.comm.size > 1 else (*COLLECTIVE, InputError)
 
     def run(self, stop: Callable[[], bool] = lambda: False):
-        """Advance to the end of the clock, or until stop(), asked after every step, is true (collective)."""
+        """Advance to the end of the clock, or until stop(), asked after every step, is true
+        (collective).
+        """
         if self.clock.finished:  # continued at the end
             self._measures.require_limits(self.clock.t)
         while not self.clock.finished:
@@ -192,16 +256,19 @@ class TimeLoop:
                 return
 
     def step(self):
-        """Make the next accepted step: the nominal one, or a part of it when the coupling fails and the scene allows cuts.
+        """Make the next accepted step: the nominal one, or a part of it when the coupling fails and
+        the scene allows cuts.
 
-        Raises an error of `shared_errors`; the accepted state is then that before the step, with a LimitError that after it
-        (collective).
+        Raises an error of `shared_errors`; the accepted state is then that before the step, with a
+        LimitError that after it (collective).
         """
-        clock, number = self.clock, self.clock.step
+        clock = self.clock
+        number = self.clock.step
         if self._scene.time.consistent_start and number == 0:
             self._coupling.start(*clock.starting_schemes(self.model))
         while clock.step == number:
-            dt, target = clock.next_size(), clock.next_target()
+            dt = clock.next_size()
+            target = clock.next_target()
             try:
                 self._advance(dt, target)
             except ConvergenceError as error:
@@ -213,7 +280,9 @@ class TimeLoop:
         self._measures.require_limits(clock.t)
 
     def _cut(self, dt, target, error):
-        """Ask the clock for half the step; raise the error of the last attempt where it may not be halved any more."""
+        """Ask the clock for half the step; raise the error of the last attempt where it may not be
+        halved any more.
+        """
         most = self._scene.coupling.max_cuts if "step" in self._coupling.tried else 0
         if not most:
             raise error
@@ -230,7 +299,8 @@ class TimeLoop:
 
     def _advance(self, dt, target):
         """Solve and accept a step of size dt on the way to the target."""
-        clock, coupling = self.clock, self._coupling
+        clock = self.clock
+        coupling = self._coupling
         schemes, rates = clock.schemes(self.model, dt)
         self._solve(schemes, rates)
         sizes = self._measures.neglected_sizes(coupling, dt)
@@ -239,7 +309,11 @@ class TimeLoop:
             self._energy.remodel(*coupling.energies())
             return self._advance(dt, target)
         powers = step_powers(*coupling.residuals, *coupling.collocated())
-        size = self.control.next_size(dt, self._trial(dt, schemes), clock.smallest_step) if self.control else None
+        size = (
+            self.control.next_size(dt, self._trial(dt, schemes), clock.smallest_step)
+            if self.control
+            else None
+        )
         coupling.accept()
         clock.advance(dt, target)
         if size is not None and clock.target is None:
@@ -258,7 +332,14 @@ class TimeLoop:
         self._has_stepped = True
 
     def _trial(self, dt, schemes):
-        """Return what the step control looks at: the trial displacement and pressure with their times."""
-        solid, fluid = self._coupling.solid, self._coupling.fluid
-        t, n = self.clock.t, solid.mesh.n_owned
-        return {"u": (t + dt, solid.unknowns), "p": (t + schemes[1].alpha_f * dt, fluid.flow().pressure[:n])}
+        """Return what the step control looks at: the trial displacement and pressure with their
+        times.
+        """
+        solid = self._coupling.solid
+        fluid = self._coupling.fluid
+        t = self.clock.t
+        n = solid.mesh.n_owned
+        return {
+            "u": (t + dt, solid.unknowns),
+            "p": (t + schemes[1].alpha_f * dt, fluid.flow().pressure[:n]),
+        }

@@ -1,4 +1,6 @@
-"""What is looked at after a step: nodal output fields, the size of what the model leaves out, pressure oscillations."""
+"""What is looked at after a step: nodal output fields, the size of what the model leaves out,
+pressure oscillations.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +22,9 @@ from .setups import materials_of
 
 
 class NodalAverage:
-    """Average of element values over the elements of a node, weighted by their volume; exact for constants on any order."""
+    """Average of element values over the elements of a node, weighted by their volume; exact for
+    constants on any order.
+    """
 
     def __init__(self, domain):
         """Prepare the weights."""
@@ -33,14 +37,17 @@ class NodalAverage:
         return np.repeat((values * self._volume[:, None])[:, None], A, axis=1)
 
     def __call__(self, cell_values):
-        """Return the nodal values (n_owned, k) of element values (E, k), zero outside of the domain."""
+        """Return the nodal values (n_owned, k) of element values (E, k), zero outside of the
+        domain.
+        """
         total = self._domain.scatter_add(self._spread(cell_values))
         return np.divide(total, self._total, out=np.zeros_like(total), where=self._total > 0)
 
 
 @dataclass(frozen=True)
 class Omission:
-    """One term left out: what the number is, its bound (None: only reported) and its key in [limits], the term, how to have it.
+    """One term left out: what the number is, its bound (None: only reported) and its key in
+    [limits], the term, how to have it.
 
     term : key in [model], "" where the material decides
     """
@@ -54,15 +61,22 @@ class Omission:
 
 
 class TrialStep:
-    """The end of a trial step: u [m], v_s, v_m, v_f [m/s] and the mean rates of these in the step [m/s²], all (n_local, d)."""
+    """The end of a trial step: u [m], v_s, v_m, v_f [m/s] and the mean rates of these in the step
+    [m/s²], all (n_local, d).
+    """
 
     def __init__(self, medium, dt):
         """Take the trial states of a medium after a step of size dt (collective)."""
-        solid, fluid = medium.solid, medium.fluid
-        extend, d = solid.mesh.halo.extend, solid.mesh.dim
-        self.u, self.v_s, self.v_f = extend(solid.unknowns), solid.skeleton().end_velocity, extend(fluid.unknowns[:, :d])
+        solid = medium.solid
+        fluid = medium.fluid
+        extend = solid.mesh.halo.extend
+        d = solid.mesh.dim
+        self.u = extend(solid.unknowns)
+        self.v_s = solid.skeleton().end_velocity
+        self.v_f = extend(fluid.unknowns[:, :d])
         self.v_m = medium.carrier().end_velocity
-        self.solid_rate, self.fluid_rate = (self.v_s - solid.v) / dt, (self.v_f - fluid.v) / dt
+        self.solid_rate = (self.v_s - solid.v) / dt
+        self.fluid_rate = (self.v_f - fluid.v) / dt
         self.solid_residual, (self.fluid_residual, _) = medium.residuals
 
 
@@ -70,11 +84,16 @@ class Measures:
     """Fields for output and sizes of neglected terms of the accepted state of a coupling."""
 
     def __init__(self, scene, coupling, materials):
-        """Prepare what the scene's model leaves out; `sizes` (name -> largest size) belongs to the run and its checkpoints."""
-        self._scene, self._materials = at_start(scene), materials
-        self._solid, self._fluid = coupling.solid.domain, coupling.fluid.domain
+        """Prepare what the scene's model leaves out; `sizes` (name -> largest size) belongs to the
+        run and its checkpoints.
+        """
+        self._scene = at_start(scene)
+        self._materials = materials
+        self._solid = coupling.solid.domain
+        self._fluid = coupling.fluid.domain
         self._mesh = self._solid.mesh
-        self._in_solid, self._in_fluid = NodalAverage(self._solid), NodalAverage(self._fluid)
+        self._in_solid = NodalAverage(self._solid)
+        self._in_fluid = NodalAverage(self._fluid)
         self.omissions = list(_omissions(self._scene, materials))
         self.sizes = {omission.name: 0.0 for omission in self.omissions}
         self.roughness = self.largest_pressure = 0.0
@@ -82,33 +101,52 @@ class Measures:
         self.comparison = self._comparison(scene) if scene.reference else None
 
     def _comparison(self, scene):
-        return Comparison(scene, self._solid) if scene.is_porous else FlowComparison(scene, self._fluid)
+        return (
+            Comparison(scene, self._solid)
+            if scene.is_porous
+            else FlowComparison(scene, self._fluid)
+        )
 
-    # -- fields -----------------------------------------------------------------------------------------------------------
+    # -- fields ------------------------------------------------------------------------------------
 
     def porosity(self, skeleton):
         """Return n_f at the nodes, (n_owned, 1)."""
         values = np.empty((self._fluid.n_cells, 1))
         for region, span in self._fluid.region_slices.items():
             if span.stop > span.start:
-                values[span, 0] = self._materials[region].fluid_fraction(skeleton.configuration.J[span]).mean(axis=1)
+                values[span, 0] = (
+                    self._materials[region]
+                    .fluid_fraction(skeleton.configuration.J[span])
+                    .mean(axis=1)
+                )
         return self._in_fluid(values)
 
     def stress(self, u):
-        """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy, yz, zz (2-D: plane strain)."""
+        """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy,
+        yz, zz (2-D: plane strain).
+        """
         domain = self._solid
         nodal = domain.gather(u)
         values = np.empty((domain.n_cells, 6))
         for region, span in domain.region_slices.items():
-            H = _three_dimensional(displacement_gradient(domain.reference_stiffness.G[span], nodal[span]))
+            H = _three_dimensional(
+                displacement_gradient(domain.reference_stiffness.G[span], nodal[span])
+            )
             law = self._materials[region].elastic
-            P, F = law.stress(H), deformation(H)
-            cauchy = P if law.small_strain else (P @ transpose(F)) / (1 + det_minus_one(H))[..., None, None]
+            P = law.stress(H)
+            F = deformation(H)
+            cauchy = (
+                P
+                if law.small_strain
+                else (P @ transpose(F)) / (1 + det_minus_one(H))[..., None, None]
+            )
             mean = cauchy.mean(axis=1)
-            values[span] = np.stack([mean[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1)
+            values[span] = np.stack(
+                [mean[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1
+            )
         return self._in_solid(values)
 
-    # -- oscillation ------------------------------------------------------------------------------------------------------
+    # -- oscillation -------------------------------------------------------------------------------
 
     def _interior_nodes(self):
         interior = self._fluid.holds[: self._mesh.n_owned].copy()
@@ -117,7 +155,9 @@ class Measures:
         return interior
 
     def watch_pressure(self, p):
-        """Record |p - p̄| and |p| over interior nodes (Euclidean), p̄ the volume-weighted average over the elements of a node."""
+        """Record |p - p̄| and |p| over interior nodes (Euclidean), p̄ the volume-weighted average
+        over the elements of a node.
+        """
         local = self._in_fluid(self._fluid.gather(p).mean(axis=1, keepdims=True))[:, 0]
         mine = p[: self._mesh.n_owned]
         rough = (mine - local)[self._interior]
@@ -133,24 +173,35 @@ class Measures:
     def compare(self, clock, solid, fluid):
         """Record the errors against the scene's exact solution where they are due (collective)."""
         if self.comparison:
-            self.comparison.after_step(clock, solid.u if self._scene.is_porous else fluid.v, fluid.p)
+            self.comparison.after_step(
+                clock, solid.u if self._scene.is_porous else fluid.v, fluid.p
+            )
 
-    # -- neglected terms --------------------------------------------------------------------------------------------------
+    # -- neglected terms ---------------------------------------------------------------------------
 
     def remodel(self, scene):
-        """Go on with another [model] of the scene; the sizes of what it does not leave out are dropped."""
-        self._scene, self._materials = scene, materials_of(scene, self._mesh)
+        """Go on with another [model] of the scene; the sizes of what it does not leave out are
+        dropped.
+        """
+        self._scene = scene
+        self._materials = materials_of(scene, self._mesh)
         self.omissions = list(_omissions(scene, self._materials))
-        self.sizes = {omission.name: self.sizes.get(omission.name, 0.0) for omission in self.omissions}
+        self.sizes = {
+            omission.name: self.sizes.get(omission.name, 0.0) for omission in self.omissions
+        }
 
     def neglected_sizes(self, medium, dt):
-        """Return name -> size of every neglected term in the trial step of a medium (collective)."""
+        """Return name -> size of every neglected term in the trial step of a medium
+        (collective).
+        """
         step = TrialStep(medium, dt)
         sizes = {
             "strain": lambda: self._largest_strain(step.u),
             "mesh_displacement": lambda: self._mesh_displacement(step.u),
             "reynolds": lambda: self._reynolds(step, medium.fluid.scheme),
-            "solid_inertia": lambda: self._inertia(self._solid, step.solid_rate, step.solid_residual, lambda m: m.rho_s),
+            "solid_inertia": lambda: self._inertia(
+                self._solid, step.solid_rate, step.solid_residual, lambda m: m.rho_s
+            ),
             "fluid_inertia": lambda: self._inertia(
                 self._fluid, step.fluid_rate, step.fluid_residual, lambda m: (1 - m.n_s0) * m.rho_fR
             ),
@@ -169,23 +220,42 @@ class Measures:
         for omission in self.omissions:
             size = self.sizes[omission.name]
             if omission.bound is not None and size > omission.bound:
-                found = f"at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g} ({omission.meaning})"
-                advice = f'{omission.remedy}, or set limits.{omission.limit} to a larger bound or to "report"'
+                found = (
+                    f"at t = {t:g} s the term left out reached {size:.3g} > {omission.bound:g}"
+                    f" ({omission.meaning})"
+                )
+                advice = (
+                    f"{omission.remedy}, or set limits.{omission.limit} to a larger bound or to"
+                    ' "report"'
+                )
                 raise LimitError(f"[limits] {omission.limit}: {found}; {advice}")
 
     def neglected(self):
         """Return name -> value, bound, meaning for the summary."""
-        return {o.name: {"value": self.sizes[o.name], "bound": o.bound, "meaning": o.meaning} for o in self.omissions}
+        return {
+            o.name: {"value": self.sizes[o.name], "bound": o.bound, "meaning": o.meaning}
+            for o in self.omissions
+        }
 
     def state(self):
         """Return the numbers a restart needs."""
         errors = self.comparison.records if self.comparison else []
-        return {"sizes": self.sizes, "roughness": self.roughness, "largest_pressure": self.largest_pressure, "errors": errors}
+        return {
+            "sizes": self.sizes,
+            "roughness": self.roughness,
+            "largest_pressure": self.largest_pressure,
+            "errors": errors,
+        }
 
     def load(self, state, t):
-        """Continue from `state` at the time t [s]; sizes of terms that are modelled now are dropped."""
-        self.sizes.update({name: size for name, size in state["sizes"].items() if name in self.sizes})
-        self.roughness, self.largest_pressure = state["roughness"], state["largest_pressure"]
+        """Continue from `state` at the time t [s]; sizes of terms that are modelled now are
+        dropped.
+        """
+        self.sizes.update(
+            {name: size for name, size in state["sizes"].items() if name in self.sizes}
+        )
+        self.roughness = state["roughness"]
+        self.largest_pressure = state["largest_pressure"]
         if self.comparison:
             self.comparison.resume(state["errors"], t)
 
@@ -201,47 +271,66 @@ class Measures:
         return self._maximum(np.sqrt(np.einsum("...ij,...ij->...", E, E)))
 
     def _mesh_displacement(self, u):
-        """Return the largest strain and rotation, |∇u|: to this part a mesh at rest has wrong lengths, areas and directions.
+        """Return the largest strain and rotation, |∇u|: to this part a mesh at rest has wrong
+        lengths, areas and directions.
 
-        Beside a free fluid, which has no ∇u on such a mesh, at least the part of its width by which its boundary moves.
+        Beside a free fluid, which has no ∇u on such a mesh, at least the part of its width by which
+        its boundary moves.
         """
         H = self._gradients(u, self._solid)
         change = self._maximum(np.sqrt(np.einsum("...ij,...ij->...", H, H)))
         if self._scene.is_porous:
             return change
-        return max(change, self._maximum(np.linalg.norm(self._solid.gather(u), axis=-1)) / self._width)
+        return max(
+            change, self._maximum(np.linalg.norm(self._solid.gather(u), axis=-1)) / self._width
+        )
 
     @cached_property
     def _width(self):
         """Return the shortest side of the box around the fluid [m] (collective)."""
         X = self._mesh.X[self._fluid.holds]
-        low, high = np.empty(self._mesh.dim), np.empty(self._mesh.dim)
+        low = np.empty(self._mesh.dim)
+        high = np.empty(self._mesh.dim)
         self._mesh.comm.Allreduce(X.min(axis=0, initial=np.inf), low, MPI.MIN)
         self._mesh.comm.Allreduce(X.max(axis=0, initial=-np.inf), high, MPI.MAX)
         return float((high - low).min())
 
     def _volume_ratio(self, u):
-        """Return the mean J of every element of the fluid's mesh, (E, 1): 1 where it does not move."""
+        """Return the mean J of every element of the fluid's mesh, (E, 1): 1 where it does not
+        move.
+        """
         if not self._scene.model.moving_mesh:
             return np.ones((self._fluid.n_cells, 1))
         return 1 + det_minus_one(self._gradients(u, self._fluid)).mean(axis=1, keepdims=True)
 
     def _reynolds(self, step, scheme):
-        domain, N, model = self._fluid, self._fluid.mass.N, self._scene.model
-        sizes, J = np.zeros(domain.n_cells), self._volume_ratio(step.u)
+        domain = self._fluid
+        N = self._fluid.mass.N
+        model = self._scene.model
+        sizes = np.zeros(domain.n_cells)
+        J = self._volume_ratio(step.u)
         c = domain.gather(step.v_f - step.v_m if model.moving_mesh else step.v_f)
         for region, span in domain.region_slices.items():
-            material, n = self._materials[region], self._materials[region].fluid_fraction(J[span])
-            rho, viscous = n * material.rho_fR, 4 * n * material.viscosity / domain.h[span, None] ** 2
-            resistance = material.drag(J[span]) + viscous + (rho * scheme.c_v if model.fluid_inertia else 0.0)
+            material = self._materials[region]
+            n = self._materials[region].fluid_fraction(J[span])
+            rho = n * material.rho_fR
+            viscous = 4 * n * material.viscosity / domain.h[span, None] ** 2
+            resistance = (
+                material.drag(J[span])
+                + viscous
+                + (rho * scheme.c_v if model.fluid_inertia else 0.0)
+            )
             convective = convective_scale(N, domain.reference.G[span], rho, c[span])
             sizes[span] = np.divide(convective, resistance).max(axis=1, initial=0.0)
         return self._maximum(sizes)
 
     def _inertia(self, domain, rate, residual, density):
-        """Return the norm of lumped mass times the rate of the velocity over the largest force of the phase in the step."""
+        """Return the norm of lumped mass times the rate of the velocity over the largest force of
+        the phase in the step.
+        """
         force = self._lumped_mass(domain, density)[:, None] * rate[: self._mesh.n_owned]
-        norm, largest = np.sqrt(self._mesh.comm.allreduce(float(np.vdot(force, force)))), residual.largest_force()
+        norm = np.sqrt(self._mesh.comm.allreduce(float(np.vdot(force, force))))
+        largest = residual.largest_force()
         return norm / largest if largest else 0.0
 
     def _lumped_mass(self, domain, density):
@@ -260,11 +349,16 @@ class Measures:
         return self._maximum(change)
 
     def _brinkman_ratio(self, u):
-        ratio, J = np.zeros(self._fluid.n_cells), self._volume_ratio(u)
+        ratio = np.zeros(self._fluid.n_cells)
+        J = self._volume_ratio(u)
         for entry in self._scene.material:
             for region, span in self._fluid.region_slices.items():
-                if entry.fluid.viscosity and region in (*entry.region, region if entry.region == ("all",) else None):
-                    material, h = self._materials[region], self._fluid.h[span, None]
+                if entry.fluid.viscosity and region in (
+                    *entry.region,
+                    region if entry.region == ("all",) else None,
+                ):
+                    material = self._materials[region]
+                    h = self._fluid.h[span, None]
                     viscous = 4 * material.fluid_fraction(J[span]) * entry.fluid.viscosity / h**2
                     ratio[span] = (viscous / material.drag(J[span])).max(axis=1, initial=0.0)
         return self._maximum(ratio)
@@ -302,7 +396,9 @@ def _omissions(scene, materials):
     for phase, present in (("solid", solids), ("fluid", fluids)):
         term = f"{phase}_inertia"
         if not getattr(model, term) and present and scene.time.scheme != "steady":
-            meaning = f"inertia of the {phase} that is left out over the largest force on it in a step"
+            meaning = (
+                f"inertia of the {phase} that is left out over the largest force on it in a step"
+            )
             yield left_out(term, term, f"set model.{term} = true", meaning)
     if scene.is_porous:
         yield from _porous_omissions(scene, left_out)

@@ -1,4 +1,5 @@
-"""What `porofsi check` says of a scene: what is solved, and the numbers that show whether mesh, steps and units fit it.
+"""What `porofsi check` says of a scene: what is solved, and the numbers that show whether mesh,
+steps and units fit it.
 
 All of it follows from scene and mesh, nothing is solved.  Every function here is collective.
 """
@@ -13,13 +14,19 @@ from .loop import Clock
 from .report import modelled, unknowns
 from .setups import components, entries, materials_of, nodes_of
 
-SAMPLES = 40  # times at which a formula is looked at, evenly over the run; as many again towards its start
+# times at which a formula is looked at, evenly over the run; as many again towards its start
+SAMPLES = 40
 MANY_STEPS = 100_000  # a growing step is followed up to here
-# Distance of nodes over √(c_v Δt) up to which a step of consolidation makes no oscillation (Vermeer & Verruijt 1981).
+# Distance of nodes over √(c_v Δt) up to which a step of consolidation makes no oscillation (Vermeer
+# & Verruijt 1981).
 RESOLVED = np.sqrt(6)
-UNLIKELY = 10  # times its Young's modulus that nobody loads a material; large strain with up to 1.4 times is among the scenes
-# Of the whole process: measured 5.7 to 6.4 kB per unknown in 3-D (docs/scale.md), 2 to 4 in 2-D; 0.25 GB are Python's.
-BYTES_PER_UNKNOWN, BYTES_PER_RANK = {2: 4e3, 3: 6e3}, 0.25e9
+# times its Young's modulus that nobody loads a material; large strain with up to 1.4 times is among
+# the scenes
+UNLIKELY = 10
+# Of the whole process: measured 5.7 to 6.4 kB per unknown in 3-D (docs/scale.md), 2 to 4 in 2-D;
+# 0.25 GB are Python's.
+BYTES_PER_UNKNOWN = {2: 4e3, 3: 6e3}
+BYTES_PER_RANK = 0.25e9
 
 
 def preview(scene, coupling, measures):
@@ -45,7 +52,9 @@ def _size(mesh, coupling):
 
 def _terms(scene, measures):
     solved = ", ".join(modelled(scene, at_start(scene).model))
-    watched = ", ".join(f"{o.name} (up to {o.bound:g})" for o in measures.omissions if o.bound is not None)
+    watched = ", ".join(
+        f"{o.name} (up to {o.bound:g})" for o in measures.omissions if o.bound is not None
+    )
     waiting = ", ".join(auto_terms(scene.model))
     parts = [f"solved: {solved}", f"switched on when needed: {waiting}" if waiting else ""]
     return "; ".join(filter(None, [*parts, f"left out and watched: {watched}" if watched else ""]))
@@ -54,31 +63,49 @@ def _terms(scene, measures):
 def _time(section):
     """Return the line on the steps."""
     if section.error_tolerance is not None:
-        return f"to t = {section.end:g} s, first step {section.step:g} s, then as time.error_tolerance asks"
+        return (
+            f"to t = {section.end:g} s, first step {section.step:g} s, then as time.error_tolerance"
+            " asks"
+        )
     if section.growth == 1:
-        return f"to t = {section.end:g} s in {np.ceil(section.end / section.step - 1e-9):.0f} steps of {section.step:g} s"
-    clock, largest = Clock(section), section.step
+        return (
+            f"to t = {section.end:g} s in {np.ceil(section.end / section.step - 1e-9):.0f} steps of"
+            f" {section.step:g} s"
+        )
+    clock = Clock(section)
+    largest = section.step
     while not clock.finished and clock.step < MANY_STEPS:
         largest = max(largest, clock.nominal)
         clock.advance(clock.next_size(), clock.next_target())
     count = f"{clock.step} steps" if clock.finished else f"more than {MANY_STEPS} steps"
-    return f"to t = {section.end:g} s in {count}, growing by {section.growth:g} from {section.step:g} s to {largest:g} s"
+    return (
+        f"to t = {section.end:g} s in {count}, growing by {section.growth:g} from {section.step:g}"
+        f" s to {largest:g} s"
+    )
 
 
 def _diffusion(scene, coupling):
-    """Yield a line per porous region: c_v = E_c k/γ [m²/s], what it means far from drained boundaries and beside them."""
-    domain, drained = coupling.solid.domain, _drained(scene, coupling.solid.mesh)
+    """Yield a line per porous region: c_v = E_c k/γ [m²/s], what it means far from drained
+    boundaries and beside them.
+    """
+    domain = coupling.solid.domain
+    drained = _drained(scene, coupling.solid.mesh)
     where = cKDTree(np.vstack(domain.mesh.comm.allgather(domain.mesh.X[drained])))
     for region, material in _present(scene, domain):
         if 0 < material.n_s0 < 1:
             c_v = material.elastic.oedometer_modulus / material.drag0
             layer = np.sqrt(c_v * scene.time.step)
             line = f"{region}: c_v = {c_v:.3g} m²/s, the first step drains {layer:.3g} m"
-            yield line + (_drainage(domain, region, drained, where, c_v, layer) if where.n else ", no boundary is drained")
+            yield line + (
+                _drainage(domain, region, drained, where, c_v, layer)
+                if where.n
+                else ", no boundary is drained"
+            )
 
 
 def _drainage(domain, region, drained, where, c_v, layer):
-    """Return the end of the line: time to drain a region, and whether its elements beside the boundary see the first step.
+    """Return the end of the line: time to drain a region, and whether its elements beside the
+    boundary see the first step.
 
     drained (n_local,) bool; where : tree of all drained nodes
     """
@@ -89,8 +116,9 @@ def _drainage(domain, region, drained, where, c_v, layer):
     smallest = -_largest_of(domain, -domain.h[domain.region_slices[region]][beside])
     if np.isfinite(smallest) and smallest > RESOLVED * layer:
         text += (
-            f"; nodes beside a drained boundary are {smallest:.3g} m apart or more, which does not resolve the first step:"
-            " p may oscillate there at first; grade the mesh towards it or begin with a longer step"
+            f"; nodes beside a drained boundary are {smallest:.3g} m apart or more, which does not"
+            " resolve the first step: p may oscillate there at first; grade the mesh towards it or"
+            " begin with a longer step"
         )
     return text
 
@@ -105,23 +133,42 @@ def _largest_of(domain, values):
 
 
 def _waves(scene, coupling):
-    """Yield a line on the waves in solids with inertia: c = √(E_c/ρ) of the fastest one [m/s], its Courant number."""
+    """Yield a line on the waves in solids with inertia: c = √(E_c/ρ) of the fastest one [m/s], its
+    Courant number.
+    """
     domain = coupling.solid.domain
     found = _present(scene, domain)
     if scene.model.solid_inertia is True and found:
         speeds = [np.sqrt(m.elastic.oedometer_modulus / _density(m)) for _, m in found]
-        number = max(c * scene.time.step / _element_sizes(domain, [r])[0] for c, (r, _) in zip(speeds, found, strict=True))
-        yield f"waves of the solid: up to {max(speeds):.3g} m/s, Courant number {number:.3g} of the first step"
+        number = max(
+            c * scene.time.step / _element_sizes(domain, [r])[0]
+            for c, (r, _) in zip(speeds, found, strict=True)
+        )
+        yield (
+            f"waves of the solid: up to {max(speeds):.3g} m/s, Courant number {number:.3g} of the"
+            " first step"
+        )
 
 
 def _flow(scene, coupling):
-    """Yield a line on a free fluid with a prescribed velocity: its largest one [m/s], Reynolds and Courant number."""
-    domain, speed = coupling.fluid.domain, _speed(scene, coupling)
+    """Yield a line on a free fluid with a prescribed velocity: its largest one [m/s], Reynolds and
+    Courant number.
+    """
+    domain = coupling.fluid.domain
+    speed = _speed(scene, coupling)
     if not speed:
         return
-    smallest, side = _element_sizes(domain, domain.regions)[0], min(_sides(domain, domain.regions))
-    line = f"flow: prescribed velocity up to {speed:.3g} m/s, Courant number {speed * scene.time.step / smallest:.3g}"
-    free = [m for m in materials_of(at_start(scene), domain.mesh).values() if m.is_free_fluid and m.viscosity]
+    smallest = _element_sizes(domain, domain.regions)[0]
+    side = min(_sides(domain, domain.regions))
+    line = (
+        f"flow: prescribed velocity up to {speed:.3g} m/s, Courant number"
+        f" {speed * scene.time.step / smallest:.3g}"
+    )
+    free = [
+        m
+        for m in materials_of(at_start(scene), domain.mesh).values()
+        if m.is_free_fluid and m.viscosity
+    ]
     if free:
         reynolds = max(m.rho_fR * speed * side / m.viscosity for m in free)
         line += f", Reynolds number {reynolds:.3g} over the shortest side of its box ({side:g} m)"
@@ -133,18 +180,26 @@ def _loads(scene, coupling):
     gravity = _body_forces(scene, coupling)
     words = [f"{name} up to {np.linalg.norm(b):.3g} m/s²" for name, b in gravity.items() if b.any()]
     yield f"body force: {', '.join(words) or 'none'}"
-    loads = {**_surface_loads(scene, coupling), **_weights(scene, coupling, gravity), **_dynamic_pressure(scene, coupling)}
+    loads = {
+        **_surface_loads(scene, coupling),
+        **_weights(scene, coupling, gravity),
+        **_dynamic_pressure(scene, coupling),
+    }
     loads = {name: size for name, size in loads.items() if size}
     if not loads:
         return
     name = max(loads, key=loads.get)
     yield f"largest load: {loads[name]:.3g} Pa ({name})"
-    moduli = {region: _young(material.elastic) for region, material in _present(scene, coupling.solid.domain)}
+    moduli = {
+        region: _young(material.elastic)
+        for region, material in _present(scene, coupling.solid.domain)
+    }
     softest = min(moduli, key=moduli.get, default=None)
     if softest and loads[name] > UNLIKELY * moduli[softest]:
         yield (
-            f"that exceeds Young's modulus of '{softest}', {moduli[softest]:.3g} Pa, {loads[name] / moduli[softest]:.2g} times:"
-            " compare their units, both are in Pa (5e6, not 5, for 5 MPa)"
+            f"that exceeds Young's modulus of '{softest}', {moduli[softest]:.3g} Pa,"
+            f" {loads[name] / moduli[softest]:.2g} times: compare their units, both are in Pa (5e6,"
+            " not 5, for 5 MPa)"
         )
 
 
@@ -152,19 +207,31 @@ def _surface_loads(scene, coupling):
     """Return name -> largest |traction| or |pressure| prescribed on a surface [Pa]."""
     mesh = coupling.solid.mesh
     given = [(tag, f"traction on '{tag}'", e) for tag, _, e in entries(scene, "traction")]
-    given += [(tag, f"pressure on '{tag}'", b.pressure) for b in scene.boundary for tag in b.on if b.pressure is not None]
-    return {name: _largest(scene, mesh, e, mesh.X[np.unique(mesh.facets[tag].nodes)]) for tag, name, e in given}
+    given += [
+        (tag, f"pressure on '{tag}'", b.pressure)
+        for b in scene.boundary
+        for tag in b.on
+        if b.pressure is not None
+    ]
+    return {
+        name: _largest(scene, mesh, e, mesh.X[np.unique(mesh.facets[tag].nodes)])
+        for tag, name, e in given
+    }
 
 
 def _body_forces(scene, coupling):
     """Return phase -> largest |b_i| of its components in its domain, (d,) [m/s²]."""
-    mesh, found = coupling.solid.mesh, {}
+    mesh = coupling.solid.mesh
+    found = {}
     for name, vector, phase in (
         ("solid", scene.body_force.solid, coupling.solid),
         ("fluid", scene.body_force.fluid, coupling.fluid),
     ):
-        given, X = components(vector), mesh.X[phase.domain.holds]
-        found[name] = np.array([_largest(scene, mesh, given[i], X) if i in given else 0.0 for i in range(mesh.dim)])
+        given = components(vector)
+        X = mesh.X[phase.domain.holds]
+        found[name] = np.array(
+            [_largest(scene, mesh, given[i], X) if i in given else 0.0 for i in range(mesh.dim)]
+        )
     return found
 
 
@@ -190,13 +257,26 @@ def _speed(scene, coupling):
         return 0.0
     mesh = coupling.solid.mesh
     given = entries(scene, "velocity")
-    return max((_largest(scene, mesh, e, mesh.X[np.unique(mesh.facets[tag].nodes)]) for tag, _, e in given), default=0.0)
+    return max(
+        (
+            _largest(scene, mesh, e, mesh.X[np.unique(mesh.facets[tag].nodes)])
+            for tag, _, e in given
+        ),
+        default=0.0,
+    )
 
 
 def _largest(scene, mesh, expression, X):
-    """Return the largest |value| of an expression at points X (n, d) of all ranks, at times over the whole run."""
-    end, largest = scene.time.end, 0.0
-    for t in [*np.linspace(0, end, SAMPLES + 1), *(end * np.logspace(-6, 0, SAMPLES))] if expression.depends_on_time else [0.0]:
+    """Return the largest |value| of an expression at points X (n, d) of all ranks, at times over
+    the whole run.
+    """
+    end = scene.time.end
+    largest = 0.0
+    for t in (
+        [*np.linspace(0, end, SAMPLES + 1), *(end * np.logspace(-6, 0, SAMPLES))]
+        if expression.depends_on_time
+        else [0.0]
+    ):
         try:
             largest = max(largest, float(np.abs(expression(t, X)).max(initial=0.0)))
         except InputError:  # where it is not finite, perhaps only at t = 0, the run will tell
@@ -207,7 +287,11 @@ def _largest(scene, mesh, expression, X):
 def _present(scene, domain):
     """Return (region, material) of the regions of a domain that have a skeleton."""
     materials = materials_of(at_start(scene), domain.mesh)
-    return [(region, materials[region]) for region in domain.regions if not materials[region].is_free_fluid]
+    return [
+        (region, materials[region])
+        for region in domain.regions
+        if not materials[region].is_free_fluid
+    ]
 
 
 def _density(material):
@@ -224,14 +308,17 @@ def _element_sizes(domain, regions):
     """Return the smallest and the largest size, `Domain.h`, of the elements of regions [m]."""
     h = np.concatenate([domain.h[domain.region_slices[region]] for region in regions])
     comm = domain.mesh.comm
-    return comm.allreduce(h.min(initial=np.inf), MPI.MIN), comm.allreduce(h.max(initial=0.0), MPI.MAX)
+    return comm.allreduce(h.min(initial=np.inf), MPI.MIN), comm.allreduce(
+        h.max(initial=0.0), MPI.MAX
+    )
 
 
 def _sides(domain, regions):
     """Return the sides of the box around regions, d lengths [m]."""
     cells = np.concatenate([domain.cells[domain.region_slices[region]] for region in regions])
     X = domain.mesh.X[np.unique(cells)]
-    low, high = np.empty(domain.dim), np.empty(domain.dim)
+    low = np.empty(domain.dim)
+    high = np.empty(domain.dim)
     domain.mesh.comm.Allreduce(X.min(axis=0, initial=np.inf), low, MPI.MIN)
     domain.mesh.comm.Allreduce(X.max(axis=0, initial=-np.inf), high, MPI.MAX)
     return (high - low).tolist()

@@ -13,10 +13,16 @@ class Quantities:
     """The values of `Scene.columns` in the accepted state."""
 
     def __init__(self, scene: Scene, coupling: Medium, measures: Measures):
-        """Find the probes and the surfaces; raises InputError where a probe is outside of what it measures (collective)."""
-        self._scene, self._coupling, self._measures = scene, coupling, measures
+        """Find the probes and the surfaces; raises InputError where a probe is outside of what it
+        measures (collective).
+        """
+        self._scene = scene
+        self._coupling = coupling
+        self._measures = measures
         self._mesh = coupling.solid.mesh
-        self._in_solid, self._in_fluid = (probes_in(scene, phase.domain) for phase in (coupling.solid, coupling.fluid))
+        self._in_solid, self._in_fluid = (
+            probes_in(scene, phase.domain) for phase in (coupling.solid, coupling.fluid)
+        )
         check_probes(scene, self._in_fluid, coupling.fluid.domain)
         self._forces = Forces(scene, coupling) if scene.force else None
 
@@ -32,14 +38,33 @@ class Quantities:
             column = AXES.get(axis, 0) if quantity != "p" else 0
             values[quantity] = fields[name or quantity][:, column]
         rows = {probe.name: i for i, probe in enumerate(self._scene.probe)}
-        return [values[quantity][rows[probe.name]] for probe in self._scene.probe for quantity in probe.quantities]
+        return [
+            values[quantity][rows[probe.name]]
+            for probe in self._scene.probe
+            for quantity in probe.quantities
+        ]
 
     def _probe_fields(self):
         """Return the probe values of every recorded field, name -> (n_probes, k)."""
-        coupling, fluid = self._coupling, self._coupling.fluid
-        wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for probe in self._scene.probe for q in probe.quantities}
-        arrays = {"u": coupling.displacement(), "v": coupling.velocity(), "vf": fluid.v, "p": fluid.p[:, None]}
+        coupling = self._coupling
+        fluid = self._coupling.fluid
+        wanted = {
+            q if q in ("p", "n_f") else q.rpartition("_")[0]
+            for probe in self._scene.probe
+            for q in probe.quantities
+        }
+        arrays = {
+            "u": coupling.displacement(),
+            "v": coupling.velocity(),
+            "vf": fluid.v,
+            "p": fluid.p[:, None],
+        }
         if "n_f" in wanted:
-            arrays["n_f"] = self._mesh.halo.extend(self._measures.porosity(coupling.accepted_carrier()))
+            arrays["n_f"] = self._mesh.halo.extend(
+                self._measures.porosity(coupling.accepted_carrier())
+            )
         of_solid = {"u", "v"}
-        return {n: (self._in_solid if n in of_solid else self._in_fluid).evaluate(arrays[n]) for n in sorted(wanted)}
+        return {
+            n: (self._in_solid if n in of_solid else self._in_fluid).evaluate(arrays[n])
+            for n in sorted(wanted)
+        }

@@ -20,8 +20,10 @@ class Records:
 
     def __init__(self, simulation: Simulation, directory: Path):
         """Take the simulation; `open` starts the files."""
-        self._simulation, self._directory = simulation, directory
-        self._output, self._mesh = simulation.scene.output, simulation.coupling.solid.mesh
+        self._simulation = simulation
+        self._directory = directory
+        self._output = simulation.scene.output
+        self._mesh = simulation.coupling.solid.mesh
         self.progress: Progress | None = None
         self._history = self._fields = None
         self._last_checkpoint = time.monotonic()
@@ -33,8 +35,11 @@ class Records:
 
     def open(self, resumed_at: float | None = None) -> None:
         """Start the files, or continue those of a run that was resumed at a time [s]."""
-        columns, comm = self._simulation.columns, self._mesh.comm
-        self._fields = FieldWriter(self._directory, self._mesh) if self._output.fields_every else None
+        columns = self._simulation.columns
+        comm = self._mesh.comm
+        self._fields = (
+            FieldWriter(self._directory, self._mesh) if self._output.fields_every else None
+        )
         if resumed_at is None:
             self._history = History(self._directory, columns, comm)
             return
@@ -43,12 +48,16 @@ class Records:
             self._fields.truncate(resumed_at)
 
     def complete(self) -> None:
-        """Write the state of a run that was continued at its end, where its files are in another directory."""
+        """Write the state of a run that was continued at its end, where its files are in another
+        directory.
+        """
         simulation = self._simulation
         with simulation.stopwatch.measure("output"):
             if self._history.last != simulation.time:
                 self._write_row()
-            if self._fields and simulation.steps not in [snapshot.step for snapshot in self._fields.snapshots]:
+            if self._fields and simulation.steps not in [
+                snapshot.step for snapshot in self._fields.snapshots
+            ]:
                 self._write_fields()
 
     def start(self) -> None:
@@ -59,7 +68,8 @@ class Records:
 
     def after_step(self, simulation: Simulation) -> None:
         """Write what is due after an accepted step; a callback."""
-        output, step = self._output, simulation.steps
+        output = self._output
+        step = simulation.steps
         with simulation.stopwatch.measure("output"):
             if step % output.history_every == 0 or simulation.finished:
                 self._write_row()
@@ -74,7 +84,8 @@ class Records:
         self._history.close()
 
     def _checkpoint_due(self) -> bool:
-        output, simulation = self._output, self._simulation
+        output = self._output
+        simulation = self._simulation
         every = output.checkpoint_every
         due = bool(every) and (simulation.steps % every == 0 or simulation.finished)
         if output.checkpoint_minutes:

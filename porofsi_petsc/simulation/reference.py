@@ -33,8 +33,10 @@ ROUNDING = 1 + 1e-12  # a time that a step misses by rounding is reached
 class ExactFields:
     """Fields of an exact solution at points X (n, d) of the reference configuration and a time t.
 
-    displacement : (t, X) -> (n, d) [m], or None where a half-space has none; pressure : (t, X) -> (n,) [Pa];
-    pressure_scale : size of p under the sudden load [Pa]; line : first and last point of the profile, (2, d) [m];
+    displacement : (t, X) -> (n, d) [m], or None where a half-space has none; pressure : (t, X) ->
+    (n,) [Pa];
+    pressure_scale : size of p under the sudden load [Pa]; line : first and last point of the
+    profile, (2, d) [m];
     component : which displacement the profile shows
     """
 
@@ -58,7 +60,13 @@ class _Soil:
     @classmethod
     def of(cls, scene):
         entry = scene.material[0]
-        return cls(elastic_law(entry), entry.solid.density, entry.fluid.density, entry.mobility, entry.solid.law)
+        return cls(
+            elastic_law(entry),
+            entry.solid.density,
+            entry.fluid.density,
+            entry.mobility,
+            entry.solid.law,
+        )
 
     @property
     def lam(self):
@@ -87,7 +95,9 @@ class _Soil:
 
 
 def exact_fields(scene):
-    """Return the `ExactFields` of the scene's [reference]; raise InputError where its parameters have no such solution."""
+    """Return the `ExactFields` of the scene's [reference]; raise InputError where its parameters
+    have no such solution.
+    """
     try:
         exact = SOLUTIONS[scene.reference.solution](scene, _Soil.of(scene))
         _require_load(scene, exact)
@@ -97,8 +107,11 @@ def exact_fields(scene):
 
 
 def _column(scene, settlement, pressure, scale):
-    """Return the fields of a vertical column from w(z, t) and p(z, t), z the depth below the surface."""
-    section, dim = scene.reference, scene.dim
+    """Return the fields of a vertical column from w(z, t) and p(z, t), z the depth below the
+    surface.
+    """
+    section = scene.reference
+    dim = scene.dim
     surface = section.length if section.surface is None else section.surface
 
     def displacement(t, X):
@@ -108,7 +121,9 @@ def _column(scene, settlement, pressure, scale):
 
     line = np.zeros((2, dim))
     line[:, -1] = surface, surface - section.length
-    return ExactFields(displacement, lambda t, X: pressure(surface - X[:, -1], t), scale, line, dim - 1)
+    return ExactFields(
+        displacement, lambda t, X: pressure(surface - X[:, -1], t), scale, line, dim - 1
+    )
 
 
 def _layer(kind):
@@ -121,7 +136,16 @@ def _layer(kind):
 
 
 def _dynamic(scene, soil, evaluate, scale):
-    column = DynamicColumn(scene.reference.length, soil.lam, soil.mu, soil.n_s, soil.rho_sR, soil.rho_fR, 1.0, 1 / soil.mobility)
+    column = DynamicColumn(
+        scene.reference.length,
+        soil.lam,
+        soil.mu,
+        soil.n_s,
+        soil.rho_sR,
+        soil.rho_fR,
+        1.0,
+        1 / soil.mobility,
+    )
 
     def field(index):
         return lambda z, t: evaluate(column, z, t)[index]
@@ -135,19 +159,26 @@ def _column_step(scene, soil):
 
 
 def _column_harmonic(scene, soil):
-    load, omega = scene.reference.load, scene.reference.frequency
+    load = scene.reference.load
+    omega = scene.reference.frequency
     return _dynamic(scene, soil, lambda column, z, t: column.harmonic(load, omega, z, t), load)
 
 
 def _selfweight(scene, soil):
     section = scene.reference
-    gravity = -getattr(scene.body_force.solid, "xyz"[scene.dim - 1])(0.0, np.zeros((1, scene.dim)))[0]
+    gravity = -getattr(scene.body_force.solid, "xyz"[scene.dim - 1])(0.0, np.zeros((1, scene.dim)))[
+        0
+    ]
     weight = soil.n_s * soil.rho_sR * gravity  # b of a buoyant skeleton is (1 - ρ_fR/ρ_sR) g
     law = soil.elastic
-    column = Selfweight(weight, section.length, soil.modulus, soil.diffusivity, law.confined, law.lowest_ratio)
+    column = Selfweight(
+        weight, section.length, soil.modulus, soil.diffusivity, law.confined, law.lowest_ratio
+    )
     if soil.law == "linear_elastic":
         return _column(scene, column.settlement, column.pressure, weight * section.length)
-    return _column(scene, lambda z, t: column.end_settlement(z), _no_pressure, weight * section.length)
+    return _column(
+        scene, lambda z, t: column.end_settlement(z), _no_pressure, weight * section.length
+    )
 
 
 def _drained(scene, soil):
@@ -162,18 +193,23 @@ def _no_pressure(z, t):
 
 def _mandel(scene, soil):
     section = scene.reference
-    slab = Mandel(section.load * section.length, section.length, soil.lam, soil.mu, soil.diffusivity)
+    slab = Mandel(
+        section.load * section.length, section.length, soil.lam, soil.mu, soil.diffusivity
+    )
 
     def displacement(t, X):
         return np.column_stack([slab.displacement_x(X[:, 0], t), slab.displacement_y(X[:, 1], t)])
 
     line = np.array([[0.0, 0.0], [section.length, 0.0]])
-    return ExactFields(displacement, lambda t, X: slab.pressure(X[:, 0], t), section.load / 2, line, 0)
+    return ExactFields(
+        displacement, lambda t, X: slab.pressure(X[:, 0], t), section.load / 2, line, 0
+    )
 
 
 def _unconfined(scene, soil):
     """Return the fields of a cylinder around the z-axis, in two dimensions of a strip."""
-    section, dim = scene.reference, scene.dim
+    section = scene.reference
+    dim = scene.dim
     kind, undrained = (UnconfinedCylinder, soil.mu) if dim == 3 else (UnconfinedStrip, 2 * soil.mu)
     body = kind(section.strain, section.length, soil.lam, soil.mu, soil.diffusivity)
 
@@ -185,7 +221,13 @@ def _unconfined(scene, soil):
     line = np.zeros((2, dim))
     line[1, 0] = section.length
     scale = undrained * section.strain
-    return ExactFields(displacement, lambda t, X: body.pressure(np.linalg.norm(X[:, : dim - 1], axis=1), t), scale, line, 0)
+    return ExactFields(
+        displacement,
+        lambda t, X: body.pressure(np.linalg.norm(X[:, : dim - 1], axis=1), t),
+        scale,
+        line,
+        0,
+    )
 
 
 def _strip_footing(scene, soil):
@@ -193,7 +235,9 @@ def _strip_footing(scene, soil):
     surface = section.length if section.surface is None else section.surface
     strip = StripFooting(section.load, section.length, soil.lam, soil.mu, soil.diffusivity)
     line = np.array([[0.0, surface], [0.0, surface - STRIP_DEPTH * section.length]])
-    return ExactFields(None, lambda t, X: strip.pressure(X[:, 0], surface - X[:, 1], t), section.load, line, 1)
+    return ExactFields(
+        None, lambda t, X: strip.pressure(X[:, 0], surface - X[:, 1], t), section.load, line, 1
+    )
 
 
 def _cryer(scene, soil):
@@ -221,18 +265,27 @@ def _seabed(scene, soil):
         return np.column_stack(bed.displacement(X[:, 0], surface - X[:, 1], t))
 
     line = np.array([[0.0, surface], [0.0, surface - section.length]])
-    return ExactFields(displacement, lambda t, X: bed.pressure(X[:, 0], surface - X[:, 1], t), section.load, line, 1)
+    return ExactFields(
+        displacement,
+        lambda t, X: bed.pressure(X[:, 0], surface - X[:, 1], t),
+        section.load,
+        line,
+        1,
+    )
 
 
 def _require_load(scene, exact):
-    """Raise InputError where the fields at the end are not finite or zero along the profile: errors are relative to them.
+    """Raise InputError where the fields at the end are not finite or zero along the profile: errors
+    are relative to them.
 
     At the other times they only have to be there.
     """
     end = scene.time.end
     with np.errstate(all="ignore"):
         for t in (*scene.reference.times, end):
-            fields = [field(t, exact.line) for field in (exact.displacement, exact.pressure) if field]
+            fields = [
+                field(t, exact.line) for field in (exact.displacement, exact.pressure) if field
+            ]
     if not all(np.isfinite(field).all() for field in fields):
         raise InputError(_refused(scene, f"its fields at t = {end:g} s are not finite"))
     if exact.pressure_scale == 0 or (exact.displacement and not fields[0].any()):
@@ -241,8 +294,14 @@ def _require_load(scene, exact):
 
 def _refused(scene, cause):
     """Return the sentence about a solution that the scene does not have."""
-    text = f"received '{scene.reference.solution}', which the scene's parameters and loads do not have: {cause}"
-    return f"{scene.source_path or 'scene'} [reference]: {text}; expected those of the solution, docs/scene.md"
+    text = (
+        f"received '{scene.reference.solution}', which the scene's parameters and loads do not"
+        f" have: {cause}"
+    )
+    return (
+        f"{scene.source_path or 'scene'} [reference]: {text}; expected those of the solution,"
+        " docs/scene.md"
+    )
 
 
 SOLUTIONS = {
@@ -261,15 +320,17 @@ SOLUTIONS = {
 
 
 class Comparison:
-    """Errors of the accepted fields against the exact ones at the times of a scene; `records` belongs to checkpoints.
+    """Errors of the accepted fields against the exact ones at the times of a scene; `records`
+    belongs to checkpoints.
 
-    A record: at (the time asked for), t (the end of the step that reached it), the relative errors u and p in L2, and the profile
-    of s, u, u_exact, p, p_exact along a line.  The error of u is taken over the exact u, that of p over its scale and √volume,
-    because p fades.
+    A record: at (the time asked for), t (the end of the step that reached it), the relative errors
+    u and p in L2, and the profile of s, u, u_exact, p, p_exact along a line.  The error of u is
+    taken over the exact u, that of p over its scale and √volume, because p fades.
     """
 
     def __init__(self, scene, domain):
-        """Prepare the quadrature over the owned elements and the points of the profile (collective).
+        """Prepare the quadrature over the owned elements and the points of the profile
+        (collective).
 
         Raises InputError where the scene has no such solution or where its profile leaves the mesh.
         """
@@ -282,47 +343,66 @@ class Comparison:
 
     def _prepare(self, scene, domain):
         """Set the times and the quadrature over the owned elements (collective)."""
-        self._domain, self._times, self._reached, self.records = domain, scene.reference.times, 0.0, []
+        self._domain = domain
+        self._times = scene.reference.times
+        self._reached = 0.0
+        self.records = []
         rule = Rule.of(domain.element, 2 * domain.element.order + 2)
         self._cells = domain.cells[domain.owned]
         coordinates = domain.mesh.X[self._cells]
-        self._N, self._dV = rule.N, geometry(rule, coordinates).dV
+        self._N = rule.N
+        self._dV = geometry(rule, coordinates).dV
         self._points = (rule.N @ coordinates).reshape(-1, domain.dim)
 
     def _profile_probes(self, scene):
         try:
-            return Probes(self._domain.mesh, [(f"profile {i}", point) for i, point in enumerate(self._line)])
+            return Probes(
+                self._domain.mesh, [(f"profile {i}", point) for i, point in enumerate(self._line)]
+            )
         except InputError as outside:
-            ends = " to ".join("(" + ", ".join(f"{x:g}" for x in end) + ")" for end in self._exact.line)
+            ends = " to ".join(
+                "(" + ", ".join(f"{x:g}" for x in end) + ")" for end in self._exact.line
+            )
             found = f"the profile of '{scene.reference.solution}' from {ends} m leaves the mesh"
             text = f"{found}, expected length and surface inside it"
             raise InputError(f"{scene.source_path or 'scene'} [reference]: {text}") from outside
 
     def after_step(self, clock, u, p):
         """Record what is due at the accepted u (n_local, d) and p (n_local,) (collective)."""
-        before, self._reached = self._reached, clock.t * ROUNDING
+        before = self._reached
+        self._reached = clock.t * ROUNDING
         due = [at for at in self._times if before < at <= self._reached]
         if clock.finished and clock.t not in due:
             due.append(clock.t)
         for at in due:
             self.records.append(
-                {"at": at, "t": clock.t} | self._errors(clock.t, u, p) | {"profile": self._profile(clock.t, u, p)}
+                {"at": at, "t": clock.t}
+                | self._errors(clock.t, u, p)
+                | {"profile": self._profile(clock.t, u, p)}
             )
 
     def resume(self, records, t):
-        """Go on at the time t [s] with the records of a checkpoint; what was not asked for then stays out."""
-        self.records, self._reached = records, t * ROUNDING
+        """Go on at the time t [s] with the records of a checkpoint; what was not asked for then
+        stays out.
+        """
+        self.records = records
+        self._reached = t * ROUNDING
 
     def table(self):
         """Return the errors as a history: t and error.u, error.p, each (records,)."""
         return self._columns({"t": "at", "error.u": "u", "error.p": "p"})
 
     def _columns(self, columns):
-        return {name: np.array([record[key] for record in self.records], dtype=float) for name, key in columns.items()}
+        return {
+            name: np.array([record[key] for record in self.records], dtype=float)
+            for name, key in columns.items()
+        }
 
     def errors(self):
         """Return at, t, u, v, p of every record for the summary."""
-        return [{key: record.get(key) for key in ("at", "t", "u", "v", "p")} for record in self.records]
+        return [
+            {key: record.get(key) for key in ("at", "t", "u", "v", "p")} for record in self.records
+        ]
 
     def _errors(self, t, u, p):
         found = {"u": None}
@@ -330,7 +410,9 @@ class Comparison:
             exact = self._exact.displacement(t, self._points)
             found["u"] = self._norm(self._at_points(u) - exact) / self._norm(exact)
         difference = self._at_points(p[:, None])[:, 0] - self._exact.pressure(t, self._points)
-        found["p"] = self._norm(difference) / self._norm(np.full(len(difference), self._exact.pressure_scale))
+        found["p"] = self._norm(difference) / self._norm(
+            np.full(len(difference), self._exact.pressure_scale)
+        )
         return found
 
     def _at_points(self, field):
@@ -344,8 +426,14 @@ class Comparison:
 
     def _profile(self, t, u, p):
         component = self._exact.component
-        profile = {"s": self._distance, "u": self._probes.evaluate(u)[:, component], "p": self._probes.evaluate(p[:, None])[:, 0]}
+        profile = {
+            "s": self._distance,
+            "u": self._probes.evaluate(u)[:, component],
+            "p": self._probes.evaluate(p[:, None])[:, 0],
+        }
         profile["p_exact"] = self._exact.pressure(t, self._line)
         exact = self._exact.displacement
-        profile["u_exact"] = exact(t, self._line)[:, component] if exact else np.full(len(self._line), np.nan)
+        profile["u_exact"] = (
+            exact(t, self._line)[:, component] if exact else np.full(len(self._line), np.nan)
+        )
         return {name: values.tolist() for name, values in profile.items()}

@@ -16,8 +16,12 @@ def summarize(simulation, judgement, files, exit_code):
 
     judgement : dict with period and expectations, what the files of the run say of its result
     """
-    scene, coupling, loop, measures = simulation.scene, simulation.coupling, simulation.loop, simulation.measures
-    mesh, comm = coupling.solid.mesh, coupling.solid.mesh.comm
+    scene = simulation.scene
+    coupling = simulation.coupling
+    loop = simulation.loop
+    measures = simulation.measures
+    mesh = coupling.solid.mesh
+    comm = coupling.solid.mesh.comm
     blocks = coupling.blocks
     iterations = np.array(loop.iterations or [0])
     return {
@@ -40,7 +44,11 @@ def summarize(simulation, judgement, files, exit_code):
         "steps_rejected": loop.control.rejections if loop.control else 0,
         "time_end": loop.clock.t,
         "wall_time": _wall_time(comm, simulation.stopwatch, coupling.solvers),
-        "coupling_iterations": {"mean": iterations.mean(), "max": iterations.max(), "total": iterations.sum()},
+        "coupling_iterations": {
+            "mean": iterations.mean(),
+            "max": iterations.max(),
+            "total": iterations.sum(),
+        },
         "linear_iterations": {name: _linear_iterations(blocks.get(name)) for name in BLOCKS},
         "assemblies": {name: blocks[name].assemblies if name in blocks else 0 for name in BLOCKS},
         "factorizations": {name: _factorizations(blocks.get(name)) for name in BLOCKS},
@@ -59,13 +67,22 @@ def summarize(simulation, judgement, files, exit_code):
 
 def unknowns(solid, fluid):
     """Return field -> number of unknowns."""
-    d, n = fluid.mesh.dim, fluid.domain.n_nodes
+    d = fluid.mesh.dim
+    n = fluid.domain.n_nodes
     auxiliary = n * (fluid.components - d - 1)
-    return {"displacement": solid.domain.n_nodes * d, "fluid_velocity": n * d, "pressure": n, "auxiliary": auxiliary}
+    return {
+        "displacement": solid.domain.n_nodes * d,
+        "fluid_velocity": n * d,
+        "pressure": n,
+        "auxiliary": auxiliary,
+    }
 
 
 def _wall_time(comm, stopwatch, solvers):
-    seconds = {name: stopwatch.seconds[name] for name in ("setup", "assembly", "residual", "mesh", "output")}
+    seconds = {
+        name: stopwatch.seconds[name]
+        for name in ("setup", "assembly", "residual", "mesh", "output")
+    }
     seconds["factorization"] = sum(solver.setup_time for solver in solvers)
     seconds["solve"] = sum(solver.solve_time for solver in solvers)
     seconds["total"] = stopwatch.total
@@ -99,8 +116,12 @@ def _peak_memory(comm):
 def modelled(scene, model):
     """Return the names of the terms that a [model] solves, the laws and the stabilization."""
     terms = [
-        name for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh") if getattr(model, name)
+        name
+        for name in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh")
+        if getattr(model, name)
     ]
     terms += [f"{model.porosity} porosity"] if scene.is_porous else []
     terms += sorted({entry.solid.law for entry in scene.material if entry.solid})
-    return terms + [name for name in ("pspg", "supg", "lsic", "undrained") if getattr(scene.stabilization, name)]
+    return terms + [
+        name for name in ("pspg", "supg", "lsic", "undrained") if getattr(scene.stabilization, name)
+    ]

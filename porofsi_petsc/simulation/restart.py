@@ -1,4 +1,6 @@
-"""Continue from a checkpoint, on any number of ranks; what may have changed in the scene and what not."""
+"""Continue from a checkpoint, on any number of ranks; what may have changed in the scene and what
+not.
+"""
 
 import re
 
@@ -14,18 +16,23 @@ FIXED = ("model", "material", "boundary", "body_force", "stabilization", "interf
 # Of [reference]: errors before and after belong together.
 COMPARED = ("solution", "load", "length", "frequency", "strain", "speed", "surface")
 
-LIKE = re.compile(r"^(?:\w+\.tangent_(?:skeleton_)?|step_control\.)([a-z])(?:\.\d+)?$")  # names of arrays that hold a field
+LIKE = re.compile(
+    r"^(?:\w+\.tangent_(?:skeleton_)?|step_control\.)([a-z])(?:\.\d+)?$"
+)  # names of arrays that hold a field
 
 
 def resume(path, header, scene, text, loop, coupling, energy, measures):
     """Load every part of a run from a checkpoint; text is the present scene as TOML (collective).
 
-    header : of `open_checkpoint`.
-    Raises InputError when the file belongs to another mesh or scene, is damaged, or lies beyond the end time.
+    header : of `open_checkpoint`. Raises InputError when the file belongs to another mesh or scene,
+    is damaged, or lies beyond the end time.
     """
     mesh = coupling.solid.mesh
     if not header["sealed"]:
-        logger.info("%s has no checksum: an earlier version wrote it, and damage in it cannot be noticed", path)
+        logger.info(
+            "%s has no checksum: an earlier version wrote it, and damage in it cannot be noticed",
+            path,
+        )
     try:
         if wrong := mistake(header):
             raise ValueError(wrong)
@@ -49,9 +56,11 @@ def _require_forces(path, arrays, state):
 
 
 def _require_arrays(arrays, state):
-    """Raise ValueError unless the arrays of a checkpoint are those of a state, name -> (n_owned, ...), but for its rows.
+    """Raise ValueError unless the arrays of a checkpoint are those of a state, name -> (n_owned,
+    ...), but for its rows.
 
-    arrays : name -> `Dataset`.  What not every state has, as the points of tangents, has the shape of the field in its name.
+    arrays : name -> `Dataset`.  What not every state has, as the points of tangents, has the shape
+    of the field in its name.
     """
     missing = [name for name in state if name not in arrays]
     if missing:
@@ -61,14 +70,18 @@ def _require_arrays(arrays, state):
         if like is None and (known := LIKE.search(name)):
             like = state["fluid.p" if known[1] == "p" else "solid.u"]
         if like is not None and (array.shape[1:], array.dtype) != (like.shape[1:], like.dtype):
-            received, expected = (f"rows of shape {x.shape[1:]} of {x.dtype}" for x in (array, like))
+            received, expected = (
+                f"rows of shape {x.shape[1:]} of {x.dtype}" for x in (array, like)
+            )
             raise ValueError(f"its array {name} has {received}, expected {expected}")
 
 
 def _load(path, header, arrays, scene, loop, coupling, energy, measures):
     if header["time"] > scene.time.end:
         received = f"the checkpoint is at t = {header['time']:g} s"
-        raise InputError(f"{path}: {received}, expected at most time.end = {scene.time.end:g} s; raise time.end")
+        raise InputError(
+            f"{path}: {received}, expected at most time.end = {scene.time.end:g} s; raise time.end"
+        )
     loop.clock.load(header["clock"])
     loop.iterations.extend(header["iterations"])
     if loop.auto:
@@ -83,7 +96,9 @@ def _load(path, header, arrays, scene, loop, coupling, energy, measures):
 
 
 def _require_same_scene(path, header, scene, text):
-    """Raise InputError where the scene of a checkpoint is another one, ValueError where it is none."""
+    """Raise InputError where the scene of a checkpoint is another one, ValueError where it is
+    none.
+    """
     contents = header.get("tables")  # None in one of an earlier version
     before = comparable(_scene_of(header), contents)
     now = comparable(parse_toml(text), contents if contents is None else table_contents(scene))
@@ -93,9 +108,15 @@ def _require_same_scene(path, header, scene, text):
         if old != new:
             key, received, expected = _difference(section, new, old)
             if key.endswith(".table") and contents is not None:
-                text = "the table has other numbers than when the checkpoint was written; restart with the same table"
+                text = (
+                    "the table has other numbers than when the checkpoint was written; restart with"
+                    " the same table"
+                )
             else:
-                both = f"the checkpoint was written with {shown(expected)}, the scene has {shown(received)}"
+                both = (
+                    f"the checkpoint was written with {shown(expected)}, the scene has"
+                    f" {shown(received)}"
+                )
                 text = f"{both}; restart with the same value"
             raise InputError(f"{path} [{key}]: {text}")
 

@@ -27,16 +27,22 @@ from .records import Records
 from .report import summarize
 from .simulation import Simulation
 
-FIGURE_ELEMENTS = 2_000_000  # above, one rank does not read whole fields; `porofsi plot` still draws them
+FIGURE_ELEMENTS = (
+    2_000_000  # above, one rank does not read whole fields; `porofsi plot` still draws them
+)
 
 
 def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
-    """Solve a scene and return its summary (the content of summary.json); PETSc has been started (collective).
+    """Solve a scene and return its summary (the content of summary.json); PETSc has been started
+    (collective).
 
-    directory : results (pathlib.Path); restart : checkpoint file or None; max_time : wall time [s] or None.
-    Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError; whatever was accepted before is on disk.
+    directory : results (pathlib.Path); restart : checkpoint file or None; max_time : wall time [s]
+    or None. Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError;
+    whatever was accepted before is on disk.
     """
-    comm, stopwatch, notice = MPI.COMM_WORLD, Stopwatch(), compilation_notice()
+    comm = MPI.COMM_WORLD
+    stopwatch = Stopwatch()
+    notice = compilation_notice()
     start_log(None, comm.rank, quiet)
     try:
         with Claim(directory, force, restart, comm) as claim:
@@ -55,22 +61,48 @@ class _Run:
     """The files and the words of one run, and their order."""
 
     def __init__(self, simulation, directory, quiet, claim):
-        self.simulation, self.scene, self.comm = simulation, simulation.scene, simulation.comm
-        self.directory, self.quiet, self.claim, self._signals = directory, quiet, claim, ExitStack()
-        self.loop, self.measures, self.former, self._good = simulation.loop, simulation.measures, None, False
+        self.simulation = simulation
+        self.scene = simulation.scene
+        self.comm = simulation.comm
+        self.directory = directory
+        self.quiet = quiet
+        self.claim = claim
+        self._signals = ExitStack()
+        self.loop = simulation.loop
+        self.measures = simulation.measures
+        self.former = None
+        self._good = False
         self.records = Records(simulation, directory)
 
     def go(self, restart, header, max_time):
-        """Run to the end and return the summary; it is written before an error that all ranks share ends the run."""
-        text, simulation = scene_to_toml(self.scene), self.simulation
+        """Run to the end and return the summary; it is written before an error that all ranks share
+        ends the run.
+        """
+        text = scene_to_toml(self.scene)
+        simulation = self.simulation
         self._start(restart, header)
         on_root(self.comm, write_text, self.directory / "scene.toml", text)
-        stop, summary = StopRequest(self.comm, max_time, f"restart from {self.records.checkpoint_path}"), None
-        terminal = None if self.comm.size == 1 else False  # mpirun shows its ranks a terminal, also where it writes to a file
-        progress = Progress(self.scene.time.end, self.quiet, terminal, start_time=simulation.time, rank=self.comm.rank)
+        stop = StopRequest(self.comm, max_time, f"restart from {self.records.checkpoint_path}")
+        summary = None
+        terminal = (
+            None if self.comm.size == 1 else False
+        )  # mpirun shows its ranks a terminal, also where it writes to a file
+        progress = Progress(
+            self.scene.time.end,
+            self.quiet,
+            terminal,
+            start_time=simulation.time,
+            rank=self.comm.rank,
+        )
         try:
             self.records.progress = progress
-            self._advance([self.records.after_step, self._begin, lambda simulation: stop(simulation.loop.clock)])
+            self._advance(
+                [
+                    self.records.after_step,
+                    self._begin,
+                    lambda simulation: stop(simulation.loop.clock),
+                ]
+            )
             self._begin(simulation)  # also where a restart had nothing left to do
             summary = self._finish(progress, 0)
         except self.loop.shared_errors as error:
@@ -92,37 +124,60 @@ class _Run:
             raise
 
     def _begin(self, simulation):
-        """Take the run for a good one: earlier results may go, and a signal waits for the end of a step, to save it."""
+        """Take the run for a good one: earlier results may go, and a signal waits for the end of a
+        step, to save it.
+        """
         if not self._good:
             self._good = True
             self.claim.accept()
             self._signals.enter_context(answered_by(note))
 
     def _start(self, restart, header):
-        simulation, mesh = self.simulation, self.simulation.coupling.solid.mesh
+        simulation = self.simulation
+        mesh = self.simulation.coupling.solid.mesh
         ranks = "1 rank" if self.comm.size == 1 else f"{self.comm.size} ranks"
-        logger.info("%s: %d elements, %d nodes, %s", self.scene.name, mesh.n_cells_global, mesh.n_global, ranks)
+        logger.info(
+            "%s: %d elements, %d nodes, %s",
+            self.scene.name,
+            mesh.n_cells_global,
+            mesh.n_global,
+            ranks,
+        )
         if restart is None:
             self.records.open()
             self.records.start()
             return
         simulation.resume(restart, header)
         self.records.open(resumed_at=simulation.time)
-        logger.info("continued from %s at t = %g s (step %d)", restart, simulation.time, simulation.steps)
+        logger.info(
+            "continued from %s at t = %g s (step %d)", restart, simulation.time, simulation.steps
+        )
         if simulation.finished:
             self._complete()
 
     def _complete(self):
-        """Take over what a run has left that reached its end; its figures, verdict and summary are still to be made."""
-        logger.info("that is the end of the run: no step is left, its figures and its summary are made again")
+        """Take over what a run has left that reached its end; its figures, verdict and summary are
+        still to be made.
+        """
+        logger.info(
+            "that is the end of the run: no step is left, its figures and its summary are made"
+            " again"
+        )
         self.records.complete()
         self.former = on_root(self.comm, self._read_former)
 
     def _read_former(self):
-        """Return the summary of the run that did the steps, None where it was killed before it wrote one."""
-        summary, clock = read_summary(self.directory), self.loop.clock
+        """Return the summary of the run that did the steps, None where it was killed before it
+        wrote one.
+        """
+        summary = read_summary(self.directory)
+        clock = self.loop.clock
         ends = (0, ExpectationError.exit_code)
-        same = summary and (summary["steps"], summary["time_end"]) == (clock.step, clock.t) and summary["exit_code"] in ends
+        same = (
+            summary
+            and (summary["steps"], summary["time_end"]) == (clock.step, clock.t)
+            and summary["exit_code"] in ends
+        )
         return summary if same else None
 
     def _finish(self, progress, exit_code):
@@ -132,7 +187,9 @@ class _Run:
         judgement = on_root(self.comm, self._judgement, exit_code == 0)
         if exit_code == 0 and failed(judgement["expectations"]):
             exit_code = ExpectationError.exit_code
-        self._summarize(judgement, exit_code)  # a figure that cannot be drawn must not cost the numbers
+        self._summarize(
+            judgement, exit_code
+        )  # a figure that cannot be drawn must not cost the numbers
         with self.simulation.stopwatch.measure("output"):
             on_root(self.comm, self._draw, exit_code == Stopped.exit_code)
         summary = self._summarize(judgement, exit_code)
@@ -140,7 +197,9 @@ class _Run:
         return summary
 
     def _draw(self, stopped):
-        """Draw the figures, or none where the end was asked for: who kills a run after a second shall not lose its summary."""
+        """Draw the figures, or none where the end was asked for: who kills a run after a second
+        shall not lose its summary.
+        """
         large = self.simulation.coupling.solid.mesh.n_cells_global > FIGURE_ELEMENTS
         with suppress(Interrupted), answered_by(interrupt):
             if not stopped and not noted():
@@ -150,7 +209,9 @@ class _Run:
 
     def _summarize(self, judgement, exit_code):
         folder = self.directory
-        files = on_root(self.comm, lambda: [str(path.relative_to(folder)) for path in written_files(folder)])
+        files = on_root(
+            self.comm, lambda: [str(path.relative_to(folder)) for path in written_files(folder)]
+        )
         summary = summarize(self.simulation, judgement, files, exit_code)
         if self.former:  # what the steps took is known there
             summary = self.former | judgement | {"files": files, "exit_code": exit_code}
@@ -158,7 +219,9 @@ class _Run:
         return summary
 
     def _judgement(self, complete):
-        """Return the last full period of the history and the records of [[expect]]; write the profiles."""
+        """Return the last full period of the history and the records of [[expect]]; write the
+        profiles.
+        """
         histories = [read_history(self.directory / "history.csv")]
         comparison = self.measures.comparison
         if comparison:
@@ -171,12 +234,18 @@ class _Run:
 
     def _period(self, history):
         of = self.scene.output.period_of
-        return period_analysis(history["t"], {name: history[name] for name in self.scene.columns}, of) if of else None
+        return (
+            period_analysis(history["t"], {name: history[name] for name in self.scene.columns}, of)
+            if of
+            else None
+        )
 
     def _say(self, summary):
-        iterations, energy = summary["coupling_iterations"], summary["energy"]
+        iterations = summary["coupling_iterations"]
+        energy = summary["energy"]
         logger.info(
-            "t = %g s, %d steps, coupling iterations %.1f mean, %d largest, energy error %.1e of the largest work, %.1f s",
+            "t = %g s, %d steps, coupling iterations %.1f mean, %d largest, energy error %.1e of"
+            " the largest work, %.1f s",
             summary["time_end"],
             summary["steps"],
             iterations["mean"],
@@ -186,12 +255,16 @@ class _Run:
         )
         for record in summary["errors"]:
             u = "".join(f"{name} {record[name]:.2g}, " for name in "uv" if record[name] is not None)
-            logger.info("error against the exact solution at %g s: %sp %.2g", record["t"], u, record["p"])
+            logger.info(
+                "error against the exact solution at %g s: %sp %.2g", record["t"], u, record["p"]
+            )
         self._say_period(summary["period"])
         for record in summary["expectations"]:
             where = f"at {record['at']:g} s" if record["at"] is not None else record["statistic"]
             if record["passed"] is None:
-                logger.info("expect %s %s: skipped, %s", record["quantity"], where, record["reason"])
+                logger.info(
+                    "expect %s %s: skipped, %s", record["quantity"], where, record["reason"]
+                )
                 continue
             logger.info(
                 "expect %s %s: computed %.6g, reference %.6g, error %.2g (bound %.2g): %s",
@@ -212,11 +285,19 @@ class _Run:
         if period is None:
             logger.info("%s has no full period", of)
             return
-        change = "" if period["change"] is None else f", its amplitude {period['change']:.2g} from the one before"
-        logger.info("last period of %s: %.6g s to %.6g s%s", of, period["start"], period["end"], change)
+        change = (
+            ""
+            if period["change"] is None
+            else f", its amplitude {period['change']:.2g} from the one before"
+        )
+        logger.info(
+            "last period of %s: %.6g s to %.6g s%s", of, period["start"], period["end"], change
+        )
         for name, signal in period["columns"].items():
             frequency = "steady" if signal["frequency"] is None else f"{signal['frequency']:.5g} Hz"
-            logger.info("%s: %.6g +- %.6g, %s", name, signal["mean"], signal["amplitude"], frequency)
+            logger.info(
+                "%s: %.6g +- %.6g, %s", name, signal["mean"], signal["amplitude"], frequency
+            )
 
     def _judge(self, summary):
         misses = failed(summary["expectations"])
@@ -224,12 +305,14 @@ class _Run:
             first = misses[0]
             count = f"{len(misses)} of {len(summary['expectations'])} expectations failed"
             raise ExpectationError(
-                f"{count}, the first: {first['quantity']} computed {first['value']:.6g}, "
-                f"reference {first['reference']:.6g}, error {first['error']:.2g} > {first['tolerance']:.2g}"
+                f"{count}, the first: {first['quantity']} computed {first['value']:.6g}, reference"
+                f" {first['reference']:.6g}, error {first['error']:.2g} > {first['tolerance']:.2g}"
             )
 
 
 def check(scene):
-    """Return a description of what a scene would solve; raises InputError as a run would (collective)."""
+    """Return a description of what a scene would solve; raises InputError as a run would
+    (collective).
+    """
     simulation = Simulation(scene)
     return preview(scene, simulation.coupling, simulation.measures)

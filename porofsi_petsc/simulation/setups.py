@@ -1,4 +1,6 @@
-"""What a scene says of its phases: materials, boundary data, terms of the model, on a distributed mesh."""
+"""What a scene says of its phases: materials, boundary data, terms of the model, on a distributed
+mesh.
+"""
 
 from ..errors import InputError
 from ..fem.boundary import SurfaceLoad, weak_zero_on
@@ -8,9 +10,10 @@ from ..phases.setup import FluidSetup, SolidSetup
 from .conditions import components, dirichlet, essentials, no_slip_nodes, nodes_of
 from .drainage import holds_normal, require_one_drainage
 
-# Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always is.  Measured by
-# scripts/bench_solvers (docs/solvers.md): with tangents renewed in every step both take the same time at about 75 000 nodes, with
-# kept ones MUMPS is the faster up to 84 000 at least.
+# Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always
+# is.  Measured by scripts/bench_solvers (docs/solvers.md): with tangents renewed in every step both
+# take the same time at about 75 000 nodes, with kept ones MUMPS is the faster up to 84 000 at
+# least.
 DIRECT_NODES_2D = 100_000
 MONOLITHIC = ("quasi_direct", "direct")
 
@@ -27,14 +30,17 @@ def materials_of(scene, mesh):
 def elastic_law(entry):
     """Return the law of a [[material]] with a solid."""
     solid = entry.solid
-    return ELASTIC[solid.law](solid.lambda_, solid.mu, 1 - (entry.porosity or 0.0), **solid.of_law())
+    return ELASTIC[solid.law](
+        solid.lambda_, solid.mu, 1 - (entry.porosity or 0.0), **solid.of_law()
+    )
 
 
 def _material(entry, model):
     viscosity = entry.fluid.viscosity if entry.fluid and model.viscosity is True else 0.0
     if entry.kind == "fluid":
         return PorousMaterial.free_fluid(entry.fluid.density, viscosity)
-    solid, elastic = entry.solid, elastic_law(entry)
+    solid = entry.solid
+    elastic = elastic_law(entry)
     if entry.kind == "solid":
         return PorousMaterial.dense_solid(elastic, solid.density)
     return PorousMaterial(
@@ -51,13 +57,24 @@ def _material(entry, model):
 
 def entries(scene, quantity):
     """Return (tag, component, expression) for every prescribed component of a vector quantity."""
-    return [(tag, i, e) for b in scene.boundary for tag in b.on for i, e in components(getattr(b, quantity)).items()]
+    return [
+        (tag, i, e)
+        for b in scene.boundary
+        for tag in b.on
+        for i, e in components(getattr(b, quantity)).items()
+    ]
 
 
 def solid_setup(scene, domain, materials, stopwatch):
     """Return the `SolidSetup` of a scene."""
-    mesh, model = domain.mesh, scene.model
-    loads = [SurfaceLoad(mesh, tag, components(b.traction)) for b in scene.boundary for tag in b.on if components(b.traction)]
+    mesh = domain.mesh
+    model = scene.model
+    loads = [
+        SurfaceLoad(mesh, tag, components(b.traction))
+        for b in scene.boundary
+        for tag in b.on
+        if components(b.traction)
+    ]
     return SolidSetup(
         body_force=components(scene.body_force.solid),
         inertia=model.solid_inertia,
@@ -71,12 +88,20 @@ def solid_setup(scene, domain, materials, stopwatch):
 
 def fluid_setup(scene, domain, materials, stopwatch):
     """Return the `FluidSetup` of a scene."""
-    mesh, model, stabilization = domain.mesh, scene.model, scene.stabilization
+    mesh = domain.mesh
+    model = scene.model
+    stabilization = scene.stabilization
     pressures = essentials(scene, "pressure")
-    free, drained = _traction_tags(scene, mesh), {entry.tag for entry in pressures}
+    free = _traction_tags(scene, mesh)
+    drained = {entry.tag for entry in pressures}
     _require_pressure_level(scene, free, drained)
     require_one_drainage(scene, mesh)
-    fluxes = [SurfaceLoad(mesh, tag, {0: b.flux}) for b in scene.boundary for tag in b.on if b.flux is not None]
+    fluxes = [
+        SurfaceLoad(mesh, tag, {0: b.flux})
+        for b in scene.boundary
+        for tag in b.on
+        if b.flux is not None
+    ]
     inertia = model.solid_inertia or model.fluid_inertia
     return FluidSetup(
         body_force=components(scene.body_force.fluid),
@@ -101,7 +126,11 @@ def fluid_setup(scene, domain, materials, stopwatch):
 def _common(scene, domain, materials, stopwatch):
     """Return what the setups of both phases have in common, by keyword."""
     common = {"domain": domain, "materials": materials, "stopwatch": stopwatch}
-    return common | {"moving_mesh": scene.model.moving_mesh, "split": _split(scene), "direct": is_direct(domain.mesh)}
+    return common | {
+        "moving_mesh": scene.model.moving_mesh,
+        "split": _split(scene),
+        "direct": is_direct(domain.mesh),
+    }
 
 
 def _traction_tags(scene, mesh):
@@ -113,15 +142,22 @@ def _traction_tags(scene, mesh):
 
 
 def _require_pressure_level(scene, free, drained):
-    """Raise InputError where neither a pressure nor a traction sets the level of p: any constant solves the equations."""
+    """Raise InputError where neither a pressure nor a traction sets the level of p: any constant
+    solves the equations.
+    """
     if not free and not drained:
         received = "received a prescribed normal displacement and no pressure on every boundary"
-        advice = "expected one with a pressure or free to move, because else the pressure has no level; prescribe it on one"
+        advice = (
+            "expected one with a pressure or free to move, because else the pressure has no level;"
+            " prescribe it on one"
+        )
         raise InputError(f"{scene.source_path or 'scene'} [[boundary]]: {received}, {advice}")
 
 
 def _split(scene):
-    """Return the split of the phases' tangents; those that precondition the monolithic schemes are the corrected ones."""
+    """Return the split of the phases' tangents; those that precondition the monolithic schemes are
+    the corrected ones.
+    """
     choice = scene.coupling
     if choice.scheme in MONOLITHIC:
         return "corrected"

@@ -1,4 +1,6 @@
-"""What solids and free fluids ask of the places of a scene: a surface or a probe is on one of them, on both or between."""
+"""What solids and free fluids ask of the places of a scene: a surface or a probe is on one of them,
+on both or between.
+"""
 
 import numpy as np
 
@@ -8,7 +10,9 @@ from ..mesh.interface import INTERFACE
 from ..mesh.topology import facet_multiplicity, locate_facets
 from ..output.probes import Probes
 
-WET = 1e-6  # a point this near to the fluid, in elements, is on the interface: far above the round-off of its coordinates
+# a point this near to the fluid, in elements, is on the interface: far above the round-off of its
+# coordinates
+WET = 1e-6
 
 
 def check_sides(scene, mesh, kinds, where):
@@ -18,14 +22,25 @@ def check_sides(scene, mesh, kinds, where):
     """
     sides = {tag: _phases(mesh, facets, kinds) for tag, facets in mesh.facets.items()}
     _check_interfaces(scene, mesh, sides, where)
-    if len(set(kinds.values())) > 1 and "interface" not in set().union(*sides.values()) and not scene.interface:
-        text = "the regions of solid and fluid have no surface in common; give them common nodes there, or an [[interface]]"
+    if (
+        len(set(kinds.values())) > 1
+        and "interface" not in set().union(*sides.values())
+        and not scene.interface
+    ):
+        text = (
+            "the regions of solid and fluid have no surface in common; give them common nodes"
+            " there, or an [[interface]]"
+        )
         raise InputError(f"{where} [[material]]: {text}")
-    taken, between = {}, _sides_of_interfaces(scene)
+    taken = {}
+    between = _sides_of_interfaces(scene)
     for i, boundary in enumerate(scene.boundary):
         for tag in boundary.on:
             if tag in between:
-                text = f"tag '{tag}' is a side of an interface, where solid and fluid set the conditions; remove it"
+                text = (
+                    f"tag '{tag}' is a side of an interface, where solid and fluid set the"
+                    " conditions; remove it"
+                )
                 raise InputError(f"{where} [boundary.{i}.on]: {text}")
             for quantity in boundary.given():
                 place = f"{where} [boundary.{i}.{quantity}]: tag '{tag}'"
@@ -33,35 +48,52 @@ def check_sides(scene, mesh, kinds, where):
                 for other in _excluded_by(quantity, sides[tag]):
                     if (tag, other) in taken:
                         first = f"boundary.{taken[tag, other]}.{other}"
-                        raise InputError(f"{place} has {first} already, which excludes {quantity}; remove one of the two")
+                        raise InputError(
+                            f"{place} has {first} already, which excludes {quantity}; remove one of"
+                            " the two"
+                        )
                 taken[tag, quantity] = i
     _check_forces(scene, mesh, sides, where)
 
 
 def _sides_of_interfaces(scene):
-    """Return the tags of all [[interface]]; with them the tag that the mesh has by itself lies on one."""
+    """Return the tags of all [[interface]]; with them the tag that the mesh has by itself lies on
+    one.
+    """
     tags = {tag for pair in scene.interface for tag in (*pair.fluid, *pair.solid)}
     return tags | {INTERFACE} if tags else tags
 
 
 def _check_interfaces(scene, mesh, sides, where):
-    """Raise InputError where a side of an [[interface]] is no boundary of the mesh on its own phase."""
+    """Raise InputError where a side of an [[interface]] is no boundary of the mesh on its own
+    phase.
+    """
     outside = facet_multiplicity(mesh.cells, mesh.element) == 1
     for i, pair in enumerate(scene.interface):
         for kind in ("fluid", "solid"):
             for tag in getattr(pair, kind):
                 place = f"{where} [interface.{i}.{kind}]: tag '{tag}'"
                 if not outside[locate_facets(mesh.facets[tag], mesh.cells, mesh.element)].all():
-                    raise InputError(f"{place} lies inside of the mesh, expected its boundary; leave out where nodes are common")
+                    raise InputError(
+                        f"{place} lies inside of the mesh, expected its boundary; leave out where"
+                        " nodes are common"
+                    )
                 if sides[tag] != {kind}:
-                    raise InputError(f"{place} is on {' and '.join(sorted(sides[tag]))}, expected a surface of the {kind} alone")
+                    raise InputError(
+                        f"{place} is on {' and '.join(sorted(sides[tag]))}, expected a surface of"
+                        f" the {kind} alone"
+                    )
 
 
 def _phases(mesh, facets, kinds):
-    """Return what lies behind tagged facets (F, Af): kinds of regions and, where two of them do, "interface"."""
+    """Return what lies behind tagged facets (F, Af): kinds of regions and, where two of them do,
+    "interface".
+    """
     behind = {}
     for kind in sorted(set(kinds.values())):
-        chosen = np.isin(mesh.cell_region, [i for i, name in enumerate(mesh.regions) if kinds[name] == kind])
+        chosen = np.isin(
+            mesh.cell_region, [i for i, name in enumerate(mesh.regions) if kinds[name] == kind]
+        )
         behind[kind] = locate_facets(facets, mesh.cells[chosen], mesh.element)[0] >= 0
     between = sum(here.astype(int) for here in behind.values()) > 1
     found = {kind for kind, here in behind.items() if (here & ~between).any()}
@@ -69,9 +101,13 @@ def _phases(mesh, facets, kinds):
 
 
 def _require_phase(name, phases, place):
-    """Raise InputError where no phase on the surface has the quantity, or where two would take the same load."""
+    """Raise InputError where no phase on the surface has the quantity, or where two would take the
+    same load.
+    """
     if "interface" in phases:
-        raise InputError(f"{place} lies between solid and fluid, which set the conditions there; remove it")
+        raise InputError(
+            f"{place} lies between solid and fluid, which set the conditions there; remove it"
+        )
     if name in ("velocity", "backflow") and phases == {"solid"}:
         advice = "prescribe a displacement instead" if name == "velocity" else "leave it out"
         raise InputError(f"{place} is on the solid, expected a surface of the fluid; {advice}")
@@ -79,11 +115,16 @@ def _require_phase(name, phases, place):
         text = "expected a surface of one of them; give each part a tag of its own"
         raise InputError(f"{place} is on {' and '.join(sorted(phases))}, {text}")
     if name == "traction" and phases == {"porous"}:
-        raise InputError(f"{place} is on a porous solid beside a free fluid, where loads are not divided; leave it out")
+        raise InputError(
+            f"{place} is on a porous solid beside a free fluid, where loads are not divided; leave"
+            " it out"
+        )
 
 
 def _excluded_by(quantity, phases):
-    """Return what may not stand beside a quantity, itself included: on a fluid `displacement` is that of the mesh."""
+    """Return what may not stand beside a quantity, itself included: on a fluid `displacement` is
+    that of the mesh.
+    """
     name, _, component = quantity.partition(".")
     essential = "velocity" if "fluid" in phases else "displacement"
     return {
@@ -95,34 +136,48 @@ def _excluded_by(quantity, phases):
 
 
 def _check_forces(scene, mesh, sides, where):
-    """Raise InputError where the surfaces of a force are on two phases, or feel what is not theirs."""
+    """Raise InputError where the surfaces of a force are on two phases, or feel what is not
+    theirs.
+    """
     of_solid = {tag for pair in scene.interface for tag in pair.solid}
     for i, force in enumerate(scene.force):
         place = f"{where} [force.{i}.on]"
         require_tags(mesh, force.on, place)
         for tag in force.on:
             if tag in of_solid:
-                text = "is on the solid's side of an interface, expected the fluid's, whose force it is"
+                text = (
+                    "is on the solid's side of an interface, expected the fluid's, whose force"
+                    " it is"
+                )
                 raise InputError(f"{place}: tag '{tag}' {text}")
         dry = [tag for tag in force.on if sides[tag] == {"solid"}]
         if 0 < len(dry) < len(force.on):
             wet = next(tag for tag in force.on if tag not in dry)
             text = f"received '{dry[0]}' on the solid and '{wet}' on the fluid"
-            raise InputError(f"{place}: {text}, expected surfaces of one of them; give each a [[force]]")
+            raise InputError(
+                f"{place}: {text}, expected surfaces of one of them; give each a [[force]]"
+            )
 
 
 def probes_in(scene, domain):
-    """Return the `output.probes.Probes` of a scene, on an interface those of the side of a `fem.Domain` (collective)."""
+    """Return the `output.probes.Probes` of a scene, on an interface those of the side of a
+    `fem.Domain` (collective).
+    """
     points = [(probe.name, probe.at) for probe in scene.probe]
     return Probes(domain.mesh, points, preferred=domain.row_of_cell >= 0)
 
 
 def check_probes(scene, probes, fluid):
-    """Raise InputError where a probe of the flow is not in the fluid; fluid : the fluid's `fem.Domain` (collective)."""
+    """Raise InputError where a probe of the flow is not in the fluid; fluid : the fluid's
+    `fem.Domain` (collective).
+    """
     wet = probes.evaluate(fluid.holds[:, None].astype(float))[:, 0]
     for i, probe in enumerate(scene.probe):
         dry = [name for name in probe.quantities if name == "p" or name.startswith("vf_")]
         if dry and wet[i] < 1 - WET:
             place = ", ".join(digits(c) for c in probe.at)
-            text = f"received {dry[0]} at ({place}) m in the solid, expected a point of the fluid; move the probe or leave it out"
+            text = (
+                f"received {dry[0]} at ({place}) m in the solid, expected a point of the fluid;"
+                " move the probe or leave it out"
+            )
             raise InputError(f"{scene.source_path or 'scene'} [probe.{i}]: {text}")

@@ -1,4 +1,6 @@
-"""A scene that is solved step by step: what the command line, the studies and the scripts of users have in common."""
+"""A scene that is solved step by step: what the command line, the studies and the scripts of users
+have in common.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,11 @@ class Simulation:
             simulation.run(until=0.5, callbacks=[lambda s: print(s.time, s.history["base.p"][-1])])
             pressure = simulation.fields["pressure"]
 
-    scene : the `Scene`; comm : its ranks; coupling, loop, energy, measures, stopwatch : the parts of the solution;
+    scene : the `Scene`; comm : its ranks; coupling, loop, energy, measures, stopwatch : the parts
+    of the solution;
     fields : the nodal `Fields` of the accepted state;
-    callbacks : functions of the simulation that are called in turn after every accepted step; a true value ends `run`.
+    callbacks : functions of the simulation that are called in turn after every accepted step; a
+    true value ends `run`.
     """
 
     def __init__(
@@ -52,7 +56,9 @@ class Simulation:
 
         mesh : of the scene, where it has been made already, with its communicator.
         """
-        self.scene, self.comm, self.stopwatch = scene, mesh.comm if mesh else comm, stopwatch or Stopwatch()
+        self.scene = scene
+        self.comm = mesh.comm if mesh else comm
+        self.stopwatch = stopwatch or Stopwatch()
         with self.stopwatch.measure("setup"):
             mesh = mesh or local_mesh(scene, comm)
             self.coupling = build_coupling(scene, mesh, self.stopwatch)
@@ -78,10 +84,10 @@ class Simulation:
     ) -> Simulation:
         """Return the simulation of a scene, at t = 0 or as a checkpoint left it.
 
-        source, overrides : as `load_scene` takes them, or a `Scene`; petsc_options : words that win over those of the scene;
-        restart : a checkpoint file.
-        The option database of PETSc belongs to the process: of two simulations at a time the one built last has set it.
-        Raises InputError.
+        source, overrides : as `load_scene` takes them, or a `Scene`; petsc_options : words that win
+        over those of the scene;
+        restart : a checkpoint file. The option database of PETSc belongs to the process: of two
+        simulations at a time the one built last has set it. Raises InputError.
         """
         scene = source if isinstance(source, Scene) else load_scene(source, overrides)
         start(scene.petsc.options, list(petsc_options))
@@ -91,40 +97,57 @@ class Simulation:
             simulation.resume(Path(restart), header)
         return simulation
 
-    # -- advancing --------------------------------------------------------------------------------------------------------
+    # -- advancing ---------------------------------------------------------------------------------
 
     def step(self) -> None:
-        """Make one accepted step, the next one of [time] or, where that does not converge and may be cut, a part of it.
+        """Make one accepted step, the next one of [time] or, where that does not converge and may
+        be cut, a part of it.
 
-        Raises InputError at the end of the scene, ConvergenceError (the state is that before the step), LimitError.
+        Raises InputError at the end of the scene, ConvergenceError (the state is that before the
+        step), LimitError.
         """
         if self.finished:
-            raise InputError(f"t = {self.time:g} s is time.end of the scene, expected an earlier time; raise time.end")
+            raise InputError(
+                f"t = {self.time:g} s is time.end of the scene, expected an earlier time; raise"
+                " time.end"
+            )
         self.loop.step()
 
-    def run(self, until: float | None = None, callbacks: Iterable[Callable[[Simulation], object]] = ()) -> None:
-        """Advance to a time [s], by default time.end of the scene, or until a callback returns a true value.
+    def run(
+        self, until: float | None = None, callbacks: Iterable[Callable[[Simulation], object]] = ()
+    ) -> None:
+        """Advance to a time [s], by default time.end of the scene, or until a callback returns a
+        true value.
 
-        until : the last step is shortened to end there; callbacks : called after those of the simulation, for this run alone.
-        Raises as `step` does, InputError where until is not between the present time and time.end.
+        until : the last step is shortened to end there; callbacks : called after those of the
+        simulation, for this run alone. Raises as `step` does, InputError where until is not between
+        the present time and time.end.
         """
-        end, own = self.scene.time.end, self.callbacks
+        end = self.scene.time.end
+        own = self.callbacks
         if until is not None and not self.time <= until <= end:
-            raise InputError(f"until: received {until:g} s, expected a time from {self.time:g} s to time.end = {end:g} s")
-        self.loop.clock.end, self._ends = end if until is None else until, False
+            raise InputError(
+                f"until: received {until:g} s, expected a time from {self.time:g} s to time.end ="
+                f" {end:g} s"
+            )
+        self.loop.clock.end = end if until is None else until
+        self._ends = False
         self.callbacks = [*own, *callbacks]
         try:
             self.loop.run(lambda: self._ends)
         finally:
-            self.loop.clock.end, self.callbacks = end, own
+            self.loop.clock.end = end
+            self.callbacks = own
 
     def _call_back(self):
         clock = self.loop.clock
         if clock.step % self.scene.output.history_every == 0 or clock.finished:
-            self._rows.append((clock.t, *self._quantities.values(clock.t), self.loop.iterations[-1]))
+            self._rows.append(
+                (clock.t, *self._quantities.values(clock.t), self.loop.iterations[-1])
+            )
         self._ends = any([callback(self) for callback in self.callbacks])  # all of them are called
 
-    # -- looking ----------------------------------------------------------------------------------------------------------
+    # -- looking -----------------------------------------------------------------------------------
 
     @property
     def time(self) -> float:
@@ -148,9 +171,11 @@ class Simulation:
 
     @property
     def history(self) -> dict[str, np.ndarray]:
-        """Return the recorded quantities over time: t [s], `columns`, coupling_iterations -> (rows,) (local).
+        """Return the recorded quantities over time: t [s], `columns`, coupling_iterations ->
+        (rows,) (local).
 
-        There is a row at the start, or where a checkpoint left it, and one every output.history_every steps.
+        There is a row at the start, or where a checkpoint left it, and one every
+        output.history_every steps.
         """
         names = ["t", *self.columns, "coupling_iterations"]
         return dict(zip(names, np.array(self._rows, dtype=float).T, strict=True))
@@ -162,10 +187,12 @@ class Simulation:
 
     @property
     def solvers(self) -> dict[str, LinearSolver]:
-        """Return the linear solvers by the name of their block: solid, fluid, mesh, mixture (local)."""
+        """Return the linear solvers by the name of their block: solid, fluid, mesh, mixture
+        (local).
+        """
         return {name: block.solver for name, block in self.coupling.blocks.items() if block.solver}
 
-    # -- keeping ----------------------------------------------------------------------------------------------------------
+    # -- keeping -----------------------------------------------------------------------------------
 
     def checkpoint(self, directory: str | os.PathLike) -> Path:
         """Write checkpoint.h5 of the accepted state to an existing directory and return its path.
@@ -175,7 +202,9 @@ class Simulation:
         return write(self, Path(directory))
 
     def resume(self, path: Path, header: dict) -> None:
-        """Continue from a checkpoint; header : of `output.checkpoint.open_checkpoint`.  Raises InputError."""
+        """Continue from a checkpoint; header : of `output.checkpoint.open_checkpoint`.  Raises
+        InputError.
+        """
         text = scene_to_toml(self.scene)
         resume(path, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
         iterations = self.loop.iterations[-1] if self.loop.iterations else 0

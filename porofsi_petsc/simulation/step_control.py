@@ -1,4 +1,6 @@
-"""Steps of a size that keeps the local error in time at a tolerance, on request (`time.error_tolerance`)."""
+"""Steps of a size that keeps the local error in time at a tolerance, on request
+(`time.error_tolerance`).
+"""
 
 import numpy as np
 
@@ -17,52 +19,75 @@ class StepTooLarge(Exception):
 
 
 class StepControl:
-    """Local error of displacement and pressure by Milne's device, and the step size that follows from it.
+    """Local error of displacement and pressure by Milne's device, and the step size that follows
+    from it.
 
-    The divided difference D of the present and the last k + 1 values is y^(k+1)/(k+1)!; a scheme of order k makes the error
-    C Δt^(k+1) D in a step, C = 1 for backward Euler (k = 1), 1/2 for the trapezoidal rule (k = 2), in place of generalized-α.
-    It is measured in the Euclidean norm of the nodal values over the largest norm in the run.  The first k + 1 steps are taken
-    as they are.
+    The divided difference D of the present and the last k + 1 values is y^(k+1)/(k+1)!; a scheme of
+    order k makes the error C Δt^(k+1) D in a step, C = 1 for backward Euler (k = 1), 1/2 for the
+    trapezoidal rule (k = 2), in place of generalized-α. It is measured in the Euclidean norm of the
+    nodal values over the largest norm in the run.  The first k + 1 steps are taken as they are.
     """
 
     def __init__(self, section, comm):
         """Take the [time] section of a scene."""
-        self._comm, self._tolerance, self._largest_step = comm, section.error_tolerance, section.max_step or np.inf
+        self._comm = comm
+        self._tolerance = section.error_tolerance
+        self._largest_step = section.max_step or np.inf
         self._smallest_step = section.min_step or SMALLEST * section.step
         self._order, self._constant = (1, 1.0) if section.scheme == "backward_euler" else (2, 0.5)
-        self._values, self._largest, self.rejections = {"u": [], "p": []}, {"u": 0.0, "p": 0.0}, 0
+        self._values = {"u": [], "p": []}
+        self._largest = {"u": 0.0, "p": 0.0}
+        self.rejections = 0
 
     def next_size(self, dt, trial, resolution=0.0):
-        """Return the size of the next step after a trial step of size dt (collective); raise StepTooLarge to repeat it.
+        """Return the size of the next step after a trial step of size dt (collective); raise
+        StepTooLarge to repeat it.
 
         trial : name -> (time [s], values (n_owned, ...)); it is remembered when it is accepted.
         resolution : size [s] below which no step is tried, whatever the error
         """
-        largest = {name: max(self._norm(value), self._largest[name]) for name, (_, value) in trial.items()}
+        largest = {
+            name: max(self._norm(value), self._largest[name]) for name, (_, value) in trial.items()
+        }
         error = max(self._error(name, dt, *trial[name], largest[name]) for name in trial)
-        factor = np.clip(SAFETY * (self._tolerance / max(error, 1e-300)) ** (1 / (self._order + 1)), SHRINK, GROW)
+        factor = np.clip(
+            SAFETY * (self._tolerance / max(error, 1e-300)) ** (1 / (self._order + 1)), SHRINK, GROW
+        )
         size = max(dt * factor, self._smallest_step, resolution)
         if error > self._tolerance and size < dt:
             self.rejections += 1
             raise StepTooLarge(size)
         self._largest = largest
         for name, (time, value) in trial.items():
-            self._values[name] = [*self._values[name], (time, np.array(value))][-(self._order + 1) :]
+            self._values[name] = [*self._values[name], (time, np.array(value))][
+                -(self._order + 1) :
+            ]
         return dt if factor < WORTH or error == 0 else min(size, self._largest_step)
 
     def _error(self, name, dt, time, value, largest):
-        """Return the local error of one field over its largest norm; 0 before there are enough values."""
+        """Return the local error of one field over its largest norm; 0 before there are enough
+        values.
+        """
         points = [*self._values[name], (time, value)]
         if len(points) < self._order + 2 or largest == 0:
             return 0.0
-        return self._constant * dt ** (self._order + 1) * self._norm(_divided_difference(points)) / largest
+        return (
+            self._constant
+            * dt ** (self._order + 1)
+            * self._norm(_divided_difference(points))
+            / largest
+        )
 
     def _norm(self, value):
         return float(np.sqrt(self._comm.allreduce(np.vdot(value, value))))
 
     def state(self):
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
-        return {f"step_control.{name}.{i}": v for name, kept in self._values.items() for i, (_, v) in enumerate(kept)}
+        return {
+            f"step_control.{name}.{i}": v
+            for name, kept in self._values.items()
+            for i, (_, v) in enumerate(kept)
+        }
 
     def memory(self):
         """Return the numbers a restart needs beside the arrays."""
@@ -71,14 +96,21 @@ class StepControl:
 
     def load(self, arrays, memory):
         """Continue from `state` and `memory`."""
-        self._largest, self.rejections = memory["largest"], memory["rejections"]
+        self._largest = memory["largest"]
+        self.rejections = memory["rejections"]
         for name, times in memory["times"].items():
-            self._values[name] = [(time, arrays[f"step_control.{name}.{i}"]) for i, time in enumerate(times)]
+            self._values[name] = [
+                (time, arrays[f"step_control.{name}.{i}"]) for i, time in enumerate(times)
+            ]
 
 
 def _divided_difference(points):
     """Return the divided difference of all (time, value)."""
-    times, values = [time for time, _ in points], [value for _, value in points]
+    times = [time for time, _ in points]
+    values = [value for _, value in points]
     for k in range(1, len(points)):
-        values = [(b - a) / (times[i + k] - times[i]) for i, (a, b) in enumerate(zip(values[:-1], values[1:], strict=True))]
+        values = [
+            (b - a) / (times[i + k] - times[i])
+            for i, (a, b) in enumerate(zip(values[:-1], values[1:], strict=True))
+        ]
     return values[0]

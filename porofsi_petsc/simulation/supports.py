@@ -1,7 +1,9 @@
-"""What holds the solids of a scene: rigid motions that no prescribed displacement stops are refused where nothing else does.
+"""What holds the solids of a scene: rigid motions that no prescribed displacement stops are refused
+where nothing else does.
 
-A body, cells joined by facets, moves as u = t + ω × (X - c).  Each prescribed component at a node is one equation for t and ω;
-bodies with a common node, a hinge, move alike there.  What these equations leave free a static balance does not determine.
+A body, cells joined by facets, moves as u = t + ω × (X - c).  Each prescribed component at a node
+is one equation for t and ω; bodies with a common node, a hinge, move alike there.  What these
+equations leave free a static balance does not determine.
 """
 
 import numpy as np
@@ -14,9 +16,12 @@ from ..mesh.check import place
 from ..mesh.topology import facet_groups, locate_facets
 
 AXES = "xyz"
-PLANES = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}  # in which a unit rotation turns the first axis to the second
-# Distance of an equation from the span of the others, with lengths in sizes of the body, below which it
-# says nothing new: digits of the coordinates in a mesh file.
+PLANES = {
+    2: ((0, 1),),
+    3: ((1, 2), (2, 0), (0, 1)),
+}  # in which a unit rotation turns the first axis to the second
+# Distance of an equation from the span of the others, with lengths in sizes of the body, below
+# which it says nothing new: digits of the coordinates in a mesh file.
 DEPENDENT = 1e-6
 
 
@@ -27,11 +32,14 @@ def require_supports(scene, mesh, kinds, where):
     """
     if _has_inertia(scene):
         return
-    of_solid = np.isin(mesh.cell_region, [i for i, name in enumerate(mesh.regions) if kinds[name] != "fluid"])
+    of_solid = np.isin(
+        mesh.cell_region, [i for i, name in enumerate(mesh.regions) if kinds[name] != "fluid"]
+    )
     cells = mesh.cells[of_solid]
     if not len(cells):
         return
-    held, part = _held(scene, mesh, cells), _joined(cells)
+    held = _held(scene, mesh, cells)
+    part = _joined(cells)
     body = _joined(facet_groups(cells, mesh.element))
     for number in np.unique(part[~_wet(scene, mesh, of_solid, part)]):
         chosen = np.flatnonzero(part == number)
@@ -42,8 +50,9 @@ def require_supports(scene, mesh, kinds, where):
             at = place(mesh.points[cells[cell, : mesh.dim + 1]].mean(axis=0))
             what = "skeleton" if kinds[region] == "porous" else "solid"
             raise InputError(
-                f"{where} [[boundary]]: nothing holds the {what} {found[1]}: region '{region}' at {at} m can move as a rigid body"
-                f" without inertia; prescribe a displacement that stops it{_alternative(scene)}"
+                f"{where} [[boundary]]: nothing holds the {what} {found[1]}: region '{region}' at"
+                f" {at} m can move as a rigid body without inertia; prescribe a displacement that"
+                f" stops it{_alternative(scene)}"
             )
 
 
@@ -51,12 +60,16 @@ def _alternative(scene):
     """Return how a body that may move is solved."""
     if scene.time.scheme == "steady":
         return ""
-    scheme = "" if scene.time.scheme == "generalized_alpha" else ' and time.scheme = "generalized_alpha"'
+    scheme = (
+        "" if scene.time.scheme == "generalized_alpha" else ' and time.scheme = "generalized_alpha"'
+    )
     return f", or set model.solid_inertia = true{scheme} if it may move"
 
 
 def _has_inertia(scene):
-    """Return whether inertia balances a load that nothing else does: that of the solid, or of what flows through it."""
+    """Return whether inertia balances a load that nothing else does: that of the solid, or of what
+    flows through it.
+    """
     model = scene.model
     return model.solid_inertia is True or (scene.is_porous and model.fluid_inertia is True)
 
@@ -65,7 +78,11 @@ def _held(scene, mesh, cells):
     """Return where displacements of the solid are prescribed, (N, d) bool."""
     held = np.zeros(mesh.points.shape, dtype=bool)
     for boundary in scene.boundary:
-        components = [i for i, axis in enumerate(AXES[: mesh.dim]) if getattr(boundary.displacement, axis) is not None]
+        components = [
+            i
+            for i, axis in enumerate(AXES[: mesh.dim])
+            if getattr(boundary.displacement, axis) is not None
+        ]
         for tag in boundary.on if components else ():
             if (locate_facets(mesh.facets[tag], cells, mesh.element)[0] >= 0).any():
                 held[np.unique(mesh.facets[tag])[:, None], components] = True
@@ -73,8 +90,12 @@ def _held(scene, mesh, cells):
 
 
 def _wet(scene, mesh, of_solid, part):
-    """Return which cells of the solid, (E,) bool, belong to a part that a fluid in the same matrix holds by its viscosity."""
-    one_matrix = scene.coupling.scheme in ("quasi_direct", "direct") and scene.time.scheme != "steady"
+    """Return which cells of the solid, (E,) bool, belong to a part that a fluid in the same matrix
+    holds by its viscosity.
+    """
+    one_matrix = (
+        scene.coupling.scheme in ("quasi_direct", "direct") and scene.time.scheme != "steady"
+    )
     if scene.is_porous or not one_matrix:
         return np.zeros(len(part), dtype=bool)
     in_fluid = np.zeros(len(mesh.points), dtype=bool)
@@ -88,7 +109,9 @@ def _joined(groups):
     rows, width = groups.shape
     cell = np.repeat(np.arange(rows), width)
     size = rows + groups.max() + 1
-    graph = csr_matrix((np.ones(cell.size, dtype=bool), (cell, rows + groups.ravel())), shape=(size, size))
+    graph = csr_matrix(
+        (np.ones(cell.size, dtype=bool), (cell, rows + groups.ravel())), shape=(size, size)
+    )
     return connected_components(graph, directed=False)[1][:rows]
 
 
@@ -112,17 +135,21 @@ def _free_motion(points, cells, body, held):
 
 
 def _rigid_modes(X):
-    """Return the displacements, (n, d, 3 or 6), of points X (n, d) under unit translations, then unit rotations."""
+    """Return the displacements, (n, d, 3 or 6), of points X (n, d) under unit translations, then
+    unit rotations.
+    """
     n, d = X.shape
     modes = np.zeros((n, d, d * (d + 1) // 2))
     modes[:, range(d), range(d)] = 1.0
     for number, (i, j) in enumerate(PLANES[d]):
-        modes[:, i, d + number], modes[:, j, d + number] = -X[:, j], X[:, i]
+        modes[:, i, d + number] = -X[:, j]
+        modes[:, j, d + number] = X[:, i]
     return modes
 
 
 def _equations(pairs, modes, held, n_bodies):
-    """Return the equations for the motions of bodies, (rows, bodies * modes): held components, and common nodes.
+    """Return the equations for the motions of bodies, (rows, bodies * modes): held components, and
+    common nodes.
 
     pairs (n, 2) : node and body, sorted; modes (n, d, m) : of `_rigid_modes` there
     """
@@ -131,7 +158,9 @@ def _equations(pairs, modes, held, n_bodies):
     supports = _in_columns(modes[chosen], np.repeat(pairs[:, 1], chosen.sum(axis=1)), n_bodies)
     hinge = np.flatnonzero(pairs[1:, 0] == pairs[:-1, 0])
     of_hinge = modes[hinge].reshape(-1, m)
-    one, other = (_in_columns(of_hinge, np.repeat(pairs[rows, 1], d), n_bodies) for rows in (hinge, hinge + 1))
+    one, other = (
+        _in_columns(of_hinge, np.repeat(pairs[rows, 1], d), n_bodies) for rows in (hinge, hinge + 1)
+    )
     return np.vstack([supports, one - other])
 
 
@@ -143,9 +172,11 @@ def _in_columns(rows, body, n_bodies):
 
 
 def _null_space(equations):
-    """Return an orthonormal basis, (columns, k), of what satisfies all equations, whose rows are of the order of 1.
+    """Return an orthonormal basis, (columns, k), of what satisfies all equations, whose rows are of
+    the order of 1.
 
-    The pivots of a QR decomposition do not depend on how many nodes hold the same motion, singular values do.
+    The pivots of a QR decomposition do not depend on how many nodes hold the same motion, singular
+    values do.
     """
     if not len(equations):
         return np.eye(equations.shape[1])
@@ -154,19 +185,28 @@ def _null_space(equations):
 
 
 def _in_words(motions, centre, size):
-    """Return what a body can do, its motions spanned by (m, k): translations along axes if there are some, else a rotation."""
+    """Return what a body can do, its motions spanned by (m, k): translations along axes if there
+    are some, else a rotation.
+    """
     d = len(centre)
     span, share, _ = np.linalg.svd(motions, full_matrices=False)
     span = span[:, share > DEPENDENT]
-    free = [axis for axis, row in zip(AXES[:d], span, strict=False) if np.linalg.norm(row) > 1 - DEPENDENT]
+    free = [
+        axis
+        for axis, row in zip(AXES[:d], span, strict=False)
+        if np.linalg.norm(row) > 1 - DEPENDENT
+    ]
     if free:
         return "in " + " and ".join(filter(None, [", ".join(free[:-1]), free[-1]]))
     motion = _about_an_axis(span, d)
-    t, omega = motion[:d], motion[d:]
+    t = motion[:d]
+    omega = motion[d:]
     if np.linalg.norm(omega) < DEPENDENT:
         return f"along {place(t)}"
     if d == 2:
-        return f"against turning about {_point(centre / size + np.array([-t[1], t[0]]) / omega, size)}"
+        return (
+            f"against turning about {_point(centre / size + np.array([-t[1], t[0]]) / omega, size)}"
+        )
     axis = omega / np.linalg.norm(omega)
     through = centre / size + np.cross(omega, t) / (omega @ omega)
     named = [name for name, share in zip(AXES, np.abs(axis), strict=True) if share > 1 - DEPENDENT]
@@ -180,7 +220,9 @@ def _point(X, size):
 
 
 def _about_an_axis(span, d):
-    """Return a motion (t, ω) out of a span (m, k) that turns about one axis of the coordinates, if there is one."""
+    """Return a motion (t, ω) out of a span (m, k) that turns about one axis of the coordinates, if
+    there is one.
+    """
     for omega in np.eye(len(span) - d):
         factors = np.linalg.lstsq(span[d:], omega, rcond=DEPENDENT)[0]
         if np.allclose(span[d:] @ factors, omega, rtol=0, atol=DEPENDENT):

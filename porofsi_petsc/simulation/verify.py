@@ -1,4 +1,6 @@
-"""Verification cases: shipped scenes, with changes, judged by their [[expect]] or by the order with which their errors fall."""
+"""Verification cases: shipped scenes, with changes, judged by their [[expect]] or by the order with
+which their errors fall.
+"""
 
 import json
 import math
@@ -16,7 +18,8 @@ from .run import run
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the result: error is |computed - reference| over the scale of the expectation, or what is missing of an order.
+    """One line of the result: error is |computed - reference| over the scale of the expectation, or
+    what is missing of an order.
 
     computed, error : None when the run failed, which `note` explains
     """
@@ -42,9 +45,11 @@ class SceneCase:
 
 @dataclass(frozen=True)
 class OrderCase:
-    """A scene on levels of refinement, each twice as fine as the one before; the errors against [reference] at the end count.
+    """A scene on levels of refinement, each twice as fine as the one before; the errors against
+    [reference] at the end count.
 
-    orders : field (u, v or p) -> (order of theory, lowest accepted: what is left of higher orders on the levels)
+    orders : field (u, v or p) -> (order of theory, lowest accepted: what is left of higher orders
+    on the levels)
     """
 
     scene: str
@@ -55,13 +60,20 @@ class OrderCase:
 
 def _uniform(height, cells, *changes):
     """Return the changes that make a column of as many cells, each half as wide as high."""
-    mesh = (f"mesh.x.points=[0.0, {height / cells / 2}]", f"mesh.y.points=[0.0, {height}]", f"mesh.y.cells=[{cells}]")
+    mesh = (
+        f"mesh.x.points=[0.0, {height / cells / 2}]",
+        f"mesh.y.points=[0.0, {height}]",
+        f"mesh.y.cells=[{cells}]",
+    )
     return (*mesh, "mesh.y.ratios=[1.0]", *changes)
 
 
 def _graded_steps(end, count, growth, level):
-    """Return the changes that reach the end in count 2^level steps, the last as every one longer than the one before."""
-    steps, factor = count * 2**level, growth ** (0.5**level)
+    """Return the changes that reach the end in count 2^level steps, the last as every one longer
+    than the one before.
+    """
+    steps = count * 2**level
+    factor = growth ** (0.5**level)
     return (
         f"time.end={end}",
         f"time.step={end * (factor - 1) / (factor**steps - 1)}",
@@ -71,7 +83,9 @@ def _graded_steps(end, count, growth, level):
 
 
 def _drained(law, load, *changes):
-    return SceneCase("drained_column", (f"material.0.solid.law={law}", *_loaded(load), *changes), quick=True)
+    return SceneCase(
+        "drained_column", (f"material.0.solid.law={law}", *_loaded(load), *changes), quick=True
+    )
 
 
 def _loaded(load):
@@ -85,10 +99,18 @@ def _grid(*cells, **changes):
 
 
 SMALL_STRAIN = ("model.moving_mesh=false", "model.porosity=constant")
-LARGE_STRAIN = ("material.0.solid.law=neo_hookean", "model.moving_mesh=true", "limits.reynolds=report")
+LARGE_STRAIN = (
+    "material.0.solid.law=neo_hookean",
+    "model.moving_mesh=true",
+    "limits.reynolds=report",
+)
 EULER = ("time.scheme=backward_euler",)
-# At the end of `drained` and `selfweight` runs only errors count: the scene's probe values are those of another law.
-ONLY_ERRORS = "expect=[{ quantity = 'error.u', statistic = 'final', value = 0.0, scale = 1.0, tolerance = 1e-6 }]"
+# At the end of `drained` and `selfweight` runs only errors count: the scene's probe values are
+# those of another law.
+ONLY_ERRORS = (
+    "expect=[{ quantity = 'error.u', statistic = 'final', value = 0.0, scale = 1.0, tolerance ="
+    " 1e-6 }]"
+)
 SLOW_DRAINAGE = ("time.end=90.0", "time.growth=1.1", "time.max_step=5.0", "limits.reynolds=report")
 CRYER_EXPECT = """expect=[
     { quantity = 'error.u', at = 0.5, value = 0.0, scale = 1.0, tolerance = 6e-3 },
@@ -119,7 +141,9 @@ CASES = {
     "seabed": SceneCase("seabed"),
     "xie_leo": SceneCase("xie_leo"),
     "selfweight_column": SceneCase("selfweight_column", quick=True),
-    "selfweight_large_strain": SceneCase("selfweight_column", (*LARGE_STRAIN, "reference.times=[]", ONLY_ERRORS)),
+    "selfweight_large_strain": SceneCase(
+        "selfweight_column", (*LARGE_STRAIN, "reference.times=[]", ONLY_ERRORS)
+    ),
     "drained_linear_elastic": _drained("linear_elastic", 3e5, *SMALL_STRAIN),
     "drained_saint_venant_kirchhoff": _drained("saint_venant_kirchhoff", 2e6),
     "drained_neo_hookean": _drained("neo_hookean", 7.5e6),
@@ -128,19 +152,28 @@ CASES = {
     "drained_ehlers_eipper": _drained("ehlers_eipper", 3e6),
     "ehlers_eipper_1": SceneCase("ehlers_eipper", ("material.0.permeability.exponent=1.0",)),
     "ehlers_eipper_2": SceneCase("ehlers_eipper"),
-    "ehlers_eipper_5": SceneCase("ehlers_eipper", ("material.0.permeability.exponent=5.0", *SLOW_DRAINAGE)),
+    "ehlers_eipper_5": SceneCase(
+        "ehlers_eipper", ("material.0.permeability.exponent=5.0", *SLOW_DRAINAGE)
+    ),
     "cook_membrane": SceneCase("cook_membrane", quick=True),
     "terzaghi_order_p1": OrderCase(
         "terzaghi",
-        tuple(_uniform(10.0, 8 * 2**i, "mesh.order=1", *_graded_steps(20.0, 30, 1.2, i)) for i in range(3)),
+        tuple(
+            _uniform(10.0, 8 * 2**i, "mesh.order=1", *_graded_steps(20.0, 30, 1.2, i))
+            for i in range(3)
+        ),
         {"u": (2.0, 1.8), "p": (2.0, 1.8)},
         quick=True,
     ),
     "terzaghi_order_dt": OrderCase(
-        "terzaghi", tuple(_graded_steps(20.0, 15, 1.5, i) for i in range(3)), {"u": (2.0, 1.8), "p": (2.0, 1.8)}
+        "terzaghi",
+        tuple(_graded_steps(20.0, 15, 1.5, i) for i in range(3)),
+        {"u": (2.0, 1.8), "p": (2.0, 1.8)},
     ),
     "terzaghi_order_dt_euler": OrderCase(
-        "terzaghi", tuple((*EULER, *_graded_steps(20.0, 15, 1.5, i)) for i in range(3)), {"u": (1.0, 0.9), "p": (1.0, 0.9)}
+        "terzaghi",
+        tuple((*EULER, *_graded_steps(20.0, 15, 1.5, i)) for i in range(3)),
+        {"u": (1.0, 0.9), "p": (1.0, 0.9)},
     ),
     "column_harmonic_order": OrderCase(
         "column_harmonic",
@@ -148,7 +181,9 @@ CASES = {
         {"u": (2.0, 1.8), "p": (2.0, 1.8)},
     ),
     "xie_leo_order_dt": OrderCase(
-        "xie_leo", tuple(_graded_steps(2.0, 20, 1.4, i) for i in range(3)), {"u": (2.0, 1.8), "p": (2.0, 1.8)}
+        "xie_leo",
+        tuple(_graded_steps(2.0, 20, 1.4, i) for i in range(3)),
+        {"u": (2.0, 1.8), "p": (2.0, 1.8)},
     ),
     "strip_footing_domain": OrderCase("strip_footing", (DOMAIN[20], DOMAIN[40]), {"p": (1.0, 0.9)}),
     "cavity": SceneCase("cavity", quick=True),
@@ -164,10 +199,14 @@ CASES = {
         {"v": (2.0, 1.7), "p": (1.0, 0.9)},
     ),
     "kovasznay_order_quadratic": OrderCase(
-        "kovasznay", tuple(_grid(12 * 2**i, 8 * 2**i) for i in range(3)), {"v": (3.0, 2.7), "p": (2.0, 1.8)}
+        "kovasznay",
+        tuple(_grid(12 * 2**i, 8 * 2**i) for i in range(3)),
+        {"v": (3.0, 2.7), "p": (2.0, 1.8)},
     ),
     "taylor_green_order_dt": OrderCase(
-        "taylor_green", tuple(_grid(16, 16, step=0.2 / 2**i) for i in range(3)), {"v": (2.0, 1.8), "p": (2.0, 1.8)}
+        "taylor_green",
+        tuple(_grid(16, 16, step=0.2 / 2**i) for i in range(3)),
+        {"v": (2.0, 1.8), "p": (2.0, 1.8)},
     ),
     "ethier_steinman_order": OrderCase(
         "ethier_steinman", tuple(_grid(n, n, n) for n in (3, 6)), {"v": (3.0, 2.7), "p": (2.0, 1.8)}
@@ -176,13 +215,17 @@ CASES = {
 
 
 def verify(names, directory, quick=False):
-    """Run the named cases (all without a name, the short ones when quick) and return their checks (collective).
+    """Run the named cases (all without a name, the short ones when quick) and return their checks
+    (collective).
 
     directory : where each case writes (pathlib.Path).  Raises InputError for an unknown name.
     """
     for name in names:
         if name not in CASES:
-            raise InputError(f"verification case '{name}': received an unknown name, expected one of {', '.join(CASES)}")
+            raise InputError(
+                f"verification case '{name}': received an unknown name, expected one of"
+                f" {', '.join(CASES)}"
+            )
     chosen = names or [name for name, case in CASES.items() if case.quick or not quick]
     return [check for name in chosen for check in run_case(name, directory / name)]
 
@@ -193,7 +236,10 @@ def run_case(name, directory):
     try:
         if isinstance(case, OrderCase):
             return _order_checks(name, case, directory)
-        return [_expectation_check(name, record) for record in _summary(case.scene, case.changes, directory)["expectations"]]
+        return [
+            _expectation_check(name, record)
+            for record in _summary(case.scene, case.changes, directory)["expectations"]
+        ]
     except ConvergenceError as error:
         return [Check(name, "run", None, 0.0, None, 0.0, False, str(error))]
 
@@ -205,7 +251,9 @@ def _summary(scene, changes, directory):
     try:
         return run(loaded, directory, force=True, quiet=True)
     except ExpectationError:
-        return on_root(MPI.COMM_WORLD, lambda: json.loads((directory / SUMMARY).read_text(encoding="utf-8")))
+        return on_root(
+            MPI.COMM_WORLD, lambda: json.loads((directory / SUMMARY).read_text(encoding="utf-8"))
+        )
 
 
 def _expectation_check(name, record):
@@ -219,7 +267,8 @@ def _expectation_check(name, record):
 def _order_checks(name, case, directory):
     """Return a check for every step between levels and every field."""
     summaries = [
-        _summary(case.scene, ("expect=[]", "probe=[]", *level), directory / str(i)) for i, level in enumerate(case.levels)
+        _summary(case.scene, ("expect=[]", "probe=[]", *level), directory / str(i))
+        for i, level in enumerate(case.levels)
     ]
     errors = [summary["errors"][-1] for summary in summaries]
     checks = []
@@ -227,8 +276,20 @@ def _order_checks(name, case, directory):
         for i, (coarse, fine) in enumerate(zip(errors, errors[1:], strict=False)):
             order = math.log2(coarse[field] / fine[field])
             note = f"error.{field} {coarse[field]:.2e} -> {fine[field]:.2e}"
-            missing, bound = max(theory - order, 0.0), theory - lowest
-            checks.append(Check(name, f"order of {field}, level {i + 1}", order, theory, missing, bound, missing <= bound, note))
+            missing = max(theory - order, 0.0)
+            bound = theory - lowest
+            checks.append(
+                Check(
+                    name,
+                    f"order of {field}, level {i + 1}",
+                    order,
+                    theory,
+                    missing,
+                    bound,
+                    missing <= bound,
+                    note,
+                )
+            )
     return checks
 
 

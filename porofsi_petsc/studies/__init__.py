@@ -1,1 +1,3 @@
-"""Studies: many short runs and the tables that they make (coupling, stability, work against error); on one rank."""
+"""Studies: many short runs and the tables that they make (coupling, stability, work against error);
+on one rank.
+"""

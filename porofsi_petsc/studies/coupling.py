@@ -1,4 +1,6 @@
-"""Study of the coupling iteration: sweeps per step over body, Poisson's ratio, k_f, step, mesh, strain and accelerator."""
+"""Study of the coupling iteration: sweeps per step over body, Poisson's ratio, k_f, step, mesh,
+strain and accelerator.
+"""
 
 from dataclasses import dataclass
 from itertools import product
@@ -24,7 +26,11 @@ SOIL = 0.3  # Poisson's ratio of the soil, set A
 STATIC_STEP = 1.0  # [s]
 NUMBER, TOLERANCE, CAP = 6, 1e-6, 200  # steps of a case, tolerance, most iterations
 ACCELERATORS = ("none", "aitken", "anderson", "iqn_ils")
-BARS = {"aitken": (15, None), "anderson": (12, 8), "iqn_ils": (12, 8)}  # iterations per step: largest, mean
+BARS = {
+    "aitken": (15, None),
+    "anderson": (12, 8),
+    "iqn_ils": (12, 8),
+}  # iterations per step: largest, mean
 # Layers from below: (permeability, stiffness factor); None where the case says the permeability.
 MEDIA = {
     "uniform": ((None, 1.0),),
@@ -39,7 +45,9 @@ VALUES = ("mean", "max", "seconds", "failure")
 
 @dataclass(frozen=True)
 class Case:
-    """A body of a medium, six steps of one size; k : k_f [m/s], None for layers; dt : step [s] or quasi-static."""
+    """A body of a medium, six steps of one size; k : k_f [m/s], None for layers; dt : step [s] or
+    quasi-static.
+    """
 
     medium: str
     body: str
@@ -60,37 +68,58 @@ class Case:
     @property
     def label(self):
         """Return a few words for the progress."""
-        where = f"{self.medium} {self.body} {self.dim}-D, {self.cells} cells P{self.order}, nu = {self.poisson:g}"
+        where = (
+            f"{self.medium} {self.body} {self.dim}-D, {self.cells} cells P{self.order}, nu ="
+            f" {self.poisson:g}"
+        )
         k = "layers" if self.k is None else f"{self.k:g}"
         return f"{where}, {self.strain} strain, {self.accelerator}, k = {k}, dt = {self.dt}"
 
     @property
     def load(self):
-        """Return the pressure at the end [Pa]; large strain is 20 % of drained compression where the sides are held."""
+        """Return the pressure at the end [Pa]; large strain is 20 % of drained compression where
+        the sides are held.
+        """
         if self.strain == "small":
             return soil.SMALL_LOAD
         held = self.body in ("confined", "strip")
-        return soil.confined_load("neo_hookean", 1 - soil.COMPRESSION) if held else CRUSHED * soil.YOUNG
+        return (
+            soil.confined_load("neo_hookean", 1 - soil.COMPRESSION)
+            if held
+            else CRUSHED * soil.YOUNG
+        )
 
     def scene(self):
-        """Return the scene: the load grows linearly over the steps; a step that fails is not helped."""
-        dynamic, finite = self.dt != STATIC, self.strain == "large"
+        """Return the scene: the load grows linearly over the steps; a step that fails is not
+        helped.
+        """
+        dynamic = self.dt != STATIC
+        finite = self.strain == "large"
         law = "neo_hookean" if finite else "linear_elastic"
         step = self.dt if dynamic else STATIC_STEP
         parts = MEDIA[self.medium]
         regions = soil.layers(len(parts)) if len(parts) > 1 else ()
         names = [region["name"] for region in regions] or ["body"]
-        time = {"end": NUMBER * step, "step": step, "rho_inf": 0.3} | ({} if dynamic else {"scheme": "backward_euler"})
+        time = {"end": NUMBER * step, "step": step, "rho_inf": 0.3} | (
+            {} if dynamic else {"scheme": "backward_euler"}
+        )
         ramp = f"{self.load!r}*t/{NUMBER * step!r}"
         mesh, boundary = BODIES[self.body](self.cells, self.order, self.dim, ramp, regions)
-        choice = {"accelerator": self.accelerator, "tolerance": TOLERANCE, "max_iterations": CAP, "on_failure": "stop"}
+        choice = {
+            "accelerator": self.accelerator,
+            "tolerance": TOLERANCE,
+            "max_iterations": CAP,
+            "on_failure": "stop",
+        }
         return soil.scene(
             self.label,
             mesh,
             soil.model(dynamic, finite),
             time,
             [
-                soil.material(self.k if k is None else k, law, soil.lame(self.poisson, factor), region=name)
+                soil.material(
+                    self.k if k is None else k, law, soil.lame(self.poisson, factor), region=name
+                )
                 for name, (k, factor) in zip(names, parts, strict=True)
             ],
             boundary,
@@ -101,22 +130,39 @@ class Case:
 def run_case(case):
     """Return the columns of a case."""
     outcome = attempt(case.scene())
-    return {"mean": outcome.mean, "max": outcome.largest, "seconds": outcome.seconds, "failure": outcome.failure}
+    return {
+        "mean": outcome.mean,
+        "max": outcome.largest,
+        "seconds": outcome.seconds,
+        "failure": outcome.failure,
+    }
 
 
 def all_cases():
-    """Return the whole study: slices through the product of all parameters, each of which is varied from end to end."""
-    return [case for slice_ in (_ratios, _grid, _meshes, _space, _large, _layers) for case in slice_()]
+    """Return the whole study: slices through the product of all parameters, each of which is varied
+    from end to end.
+    """
+    return [
+        case for slice_ in (_ratios, _grid, _meshes, _space, _large, _layers) for case in slice_()
+    ]
 
 
 def _with_all(grid):
-    """Return the cases of a grid, which yields (all but accelerator, k and dt; pairs of k and dt), with every accelerator."""
-    return [Case(*case, accelerator, k, dt) for case, pairs in grid for (k, dt), accelerator in product(pairs, ACCELERATORS)]
+    """Return the cases of a grid, which yields (all but accelerator, k and dt; pairs of k and dt),
+    with every accelerator.
+    """
+    return [
+        Case(*case, accelerator, k, dt)
+        for case, pairs in grid
+        for (k, dt), accelerator in product(pairs, ACCELERATORS)
+    ]
 
 
 def _ratios():
     """Return every Poisson's ratio on every body."""
-    return _with_all((("uniform", body, 2, 8, 1, nu, "small"), PAIRS) for nu, body in product(RATIOS, BODIES))
+    return _with_all(
+        (("uniform", body, 2, 8, 1, nu, "small"), PAIRS) for nu, body in product(RATIOS, BODIES)
+    )
 
 
 def _grid():
@@ -127,9 +173,13 @@ def _grid():
 
 def _meshes():
     """Return quadratic elements on every body at both ends of ν, and finer meshes of the block."""
-    quadratic = [(("uniform", body, 2, 4, 2, nu, "small"), FEW_PAIRS) for nu, body in product((0.0, 0.4999), BODIES)]
+    quadratic = [
+        (("uniform", body, 2, 4, 2, nu, "small"), FEW_PAIRS)
+        for nu, body in product((0.0, 0.4999), BODIES)
+    ]
     finer = [
-        (("uniform", "free sides", 2, cells, order, 0.0, "small"), PAIRS[3:]) for cells, order in ((16, 1), (32, 1), (16, 2))
+        (("uniform", "free sides", 2, cells, order, 0.0, "small"), PAIRS[3:])
+        for cells, order in ((16, 1), (32, 1), (16, 2))
     ]
     return _with_all([*quadratic, *finer])
 
@@ -137,12 +187,17 @@ def _meshes():
 def _space():
     """Return 3-D, linear and quadratic."""
     shapes = product((0.0, 0.4999), BODIES, ((4, 1), (2, 2)))
-    return _with_all((("uniform", body, 3, *mesh, nu, "small"), PAIRS[3:]) for nu, body, mesh in shapes)
+    return _with_all(
+        (("uniform", body, 3, *mesh, nu, "small"), PAIRS[3:]) for nu, body, mesh in shapes
+    )
 
 
 def _large():
     """Return large strain."""
-    return _with_all((("uniform", body, 2, 8, 1, nu, "large"), PAIRS) for nu, body in product((0.0, SOIL), BODIES))
+    return _with_all(
+        (("uniform", body, 2, 8, 1, nu, "large"), PAIRS)
+        for nu, body in product((0.0, SOIL), BODIES)
+    )
 
 
 def _layers():
@@ -153,13 +208,17 @@ def _layers():
 
 
 def quick_cases():
-    """Return a sample of seconds: the block, P1, small strain, Aitken, four pairs of k_f and step."""
+    """Return a sample of seconds: the block, P1, small strain, Aitken, four pairs of k_f and
+    step.
+    """
     block = ("uniform", "confined", 2, 8, 1, SOIL, "small", "aitken")
     return [Case(*block, k, dt) for k, dt in product(PERMEABILITIES[::3], STEPS[::3])]
 
 
 def study(directory, quick=False, anew=False, say=print):
-    """Run the cases and write coupling.csv, coupling.md and coupling.png into the directory; return the rows."""
+    """Run the cases and write coupling.csv, coupling.md and coupling.png into the directory; return
+    the rows.
+    """
     table = Table(directory / "coupling.csv", KEYS, VALUES, anew)
     rows = sweep(table, quick_cases() if quick else all_cases(), run_case, say)
     write_text(directory / "coupling.md", report(rows))
@@ -169,16 +228,24 @@ def study(directory, quick=False, anew=False, say=print):
     return rows
 
 
-# -- the summary ----------------------------------------------------------------------------------------------------------
+# -- the summary -----------------------------------------------------------------------------------
 
 
 def report(rows):
     """Return the markdown summary."""
     header = ["cases", "failed", "mean", "largest", "bar: mean, largest", "kept"]
     by_body = _table(rows, ("medium", "body", "dim", "strain"), header)
-    by_ratio = _table([row for row in rows if row["medium"] == "uniform" and row["strain"] == "small"], ("poisson",), header)
+    by_ratio = _table(
+        [row for row in rows if row["medium"] == "uniform" and row["strain"] == "small"],
+        ("poisson",),
+        header,
+    )
     failures = [f"- {_place(row)}: {row['failure']}" for row in rows if row["failure"]]
-    over = [f"- {_place(row)}: mean {row['mean']}, largest {row['max']}" for row in rows if not row["failure"] and _over(row)]
+    over = [
+        f"- {_place(row)}: mean {row['mean']}, largest {row['max']}"
+        for row in rows
+        if not row["failure"] and _over(row)
+    ]
     return TEXT.format(
         number=NUMBER,
         tolerance=TOLERANCE,
@@ -194,11 +261,16 @@ def report(rows):
 
 
 def _table(rows, names, header):
-    """Return a markdown table with a line for every value of the named columns and every accelerator."""
+    """Return a markdown table with a line for every value of the named columns and every
+    accelerator.
+    """
     groups = {}
     for row in rows:
         groups.setdefault((*(row[name] for name in names), row["accelerator"]), []).append(row)
-    return markdown([*names, "accelerator", *header], [[*name, *_judged(name[-1], group)] for name, group in groups.items()])
+    return markdown(
+        [*names, "accelerator", *header],
+        [[*name, *_judged(name[-1], group)] for name, group in groups.items()],
+    )
 
 
 def _judged(accelerator, rows):
@@ -209,7 +281,14 @@ def _judged(accelerator, rows):
     most, average = BARS.get(accelerator, (None, None))
     kept = len(finished) == len(rows) and largest <= (most or CAP) and mean <= (average or CAP)
     bar = f"{average or '-'}, {most}" if most else ""
-    return len(rows), len(rows) - len(finished), f"{mean:.1f}", largest, bar, ("yes" if kept else "NO") if most else ""
+    return (
+        len(rows),
+        len(rows) - len(finished),
+        f"{mean:.1f}",
+        largest,
+        bar,
+        ("yes" if kept else "NO") if most else "",
+    )
 
 
 def _over(row):
@@ -222,7 +301,8 @@ def _place(row):
 
 
 def heat_maps(rows):
-    """Return accelerator -> largest iterations, (steps, permeabilities), of the uniform block in 2-D at small strain.
+    """Return accelerator -> largest iterations, (steps, permeabilities), of the uniform block in
+    2-D at small strain.
 
     NaN where nothing was run, infinite where a case failed.
     """
@@ -230,17 +310,26 @@ def heat_maps(rows):
     for row in rows:
         if not _on_grid(row):
             continue
-        map_ = panels.setdefault(row["accelerator"], np.full((len(STEPS), len(PERMEABILITIES)), np.nan))
-        at = [str(dt) for dt in STEPS].index(str(_number(row["dt"]))), PERMEABILITIES.index(float(row["k"]))
+        map_ = panels.setdefault(
+            row["accelerator"], np.full((len(STEPS), len(PERMEABILITIES)), np.nan)
+        )
+        at = (
+            [str(dt) for dt in STEPS].index(str(_number(row["dt"]))),
+            PERMEABILITIES.index(float(row["k"])),
+        )
         map_[at] = np.fmax(map_[at], np.inf if row["failure"] else int(row["max"]))
     return panels
 
 
 def _on_grid(row):
-    """Return whether a row belongs to the uniform block at the soil's ν, with one of the grid's permeabilities and steps."""
+    """Return whether a row belongs to the uniform block at the soil's ν, with one of the grid's
+    permeabilities and steps.
+    """
     block = row["medium"], row["body"], row["dim"], row["strain"], float(row["poisson"])
     return (
-        block == ("uniform", "confined", "2", "small", SOIL) and float(row["k"]) in PERMEABILITIES and _number(row["dt"]) in STEPS
+        block == ("uniform", "confined", "2", "small", SOIL)
+        and float(row["k"]) in PERMEABILITIES
+        and _number(row["dt"]) in STEPS
     )
 
 
@@ -256,17 +345,22 @@ TEXT = """# Coupling iterations
 
 Written by `porofsi study coupling` (do not edit by hand); every case is a row of `coupling.csv`.
 
-Soil: E = 14.5 MPa (at ν = 0.3 set A, λ = 8.375 MPa, μ = 5.583 MPa), n_f = 0.33, ρ_sR = 2000, ρ_fR = 1000 kg/m³. The load grows
-linearly over {number} steps, to {small:g} kPa (small strain, linear elastic) or, at large strain (neo-Hookean, moving mesh, n_s =
-n_s0/J, convection), to {load:.3f} MPa where the sides are held (20 % drained compression at ν = 0.3) and {crushed:.3f} MPa
-where they are free. Tolerance {tolerance:g} on the true residuals of all three balances, at most {cap} sweeps, ρ∞ = 0.3;
-quasi-static steps by backward Euler. Neither another accelerator nor a cut of the step helps a case.
+Soil: E = 14.5 MPa (at ν = 0.3 set A, λ = 8.375 MPa, μ = 5.583 MPa), n_f = 0.33, ρ_sR = 2000, ρ_fR =
+1000 kg/m³. The load grows linearly over {number} steps, to {small:g} kPa (small strain, linear
+elastic) or, at large strain (neo-Hookean, moving mesh, n_s = n_s0/J, convection), to {load:.3f} MPa
+where the sides are held (20 % drained compression at ν = 0.3) and {crushed:.3f} MPa where they are
+free. Tolerance {tolerance:g} on the true residuals of all three balances, at most {cap} sweeps, ρ∞
+= 0.3; quasi-static steps by backward Euler. Neither another accelerator nor a cut of the step helps
+a case.
 
 - confined: a block of 10 m between rollers, one half of its drained top loaded
 - free sides: the same between planes of symmetry, the other sides free and impermeable
-- strip: a block of 20 m by 10 m between rollers, drained top but for an impermeable footing, which is loaded
-- sphere: an eighth of a ball (in 2-D a quarter of a cylinder) of 5 m, drained and pressed all around (Cryer)
-- layers of 2.5 m: k_f = 1e-4 and 1e-8 m/s in turn; stiff, rigid layers: the tight ones are 1e2, 1e4 times as stiff besides
+- strip: a block of 20 m by 10 m between rollers, drained top but for an impermeable footing, which
+  is loaded
+- sphere: an eighth of a ball (in 2-D a quarter of a cylinder) of 5 m, drained and pressed all
+  around (Cryer)
+- layers of 2.5 m: k_f = 1e-4 and 1e-8 m/s in turn; stiff, rigid layers: the tight ones are 1e2, 1e4
+  times as stiff besides
 
 "mean" is over the cases, "largest" over all their steps.
 

@@ -1,4 +1,6 @@
-"""A badly shaped mesh: the interior nodes of a mesh of triangles moved until the angles are as small as wanted."""
+"""A badly shaped mesh: the interior nodes of a mesh of triangles moved until the angles are as
+small as wanted.
+"""
 
 from dataclasses import replace
 
@@ -11,14 +13,18 @@ SEED = 5
 def angles(points, cells):
     """Return the angles of triangles [degrees], (E, 3); 0 where a triangle is turned over."""
     corners = points[cells]
-    ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    ahead = np.roll(corners, -1, axis=1) - corners
+    behind = np.roll(corners, 1, axis=1) - corners
     cross = ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
     return np.maximum(np.degrees(np.arctan2(cross, (ahead * behind).sum(axis=-1))), 0.0)
 
 
 def distort(mesh, smallest):
-    """Return the mesh of T3 with every interior node moved, in a fixed random direction, as far as the angles allow [degrees]."""
-    points, random = mesh.points.copy(), np.random.default_rng(SEED)
+    """Return the mesh of T3 with every interior node moved, in a fixed random direction, as far as
+    the angles allow [degrees].
+    """
+    points = mesh.points.copy()
+    random = np.random.default_rng(SEED)
     boundary = np.unique(np.concatenate([nodes.ravel() for nodes in mesh.facets.values()]))
     for node in np.setdiff1d(np.arange(len(points)), boundary):
         around = mesh.cells[(mesh.cells == node).any(axis=1)]
@@ -29,8 +35,11 @@ def distort(mesh, smallest):
 
 
 def _move(points, node, way, cells, smallest):
-    """Move a node along the largest part of its way, to one in 2^HALVINGS, that keeps the angles of its cells."""
-    start, part = points[node].copy(), 0.0
+    """Move a node along the largest part of its way, to one in 2^HALVINGS, that keeps the angles of
+    its cells.
+    """
+    start = points[node].copy()
+    part = 0.0
     for step in 0.5 ** np.arange(1, HALVINGS + 1):
         points[node] = start + (part + step) * way
         if angles(points, cells).min() >= smallest:

@@ -1,4 +1,6 @@
-"""The hard cases of the stability study: scenes at the ends of the parameter range, and what is wanted of each."""
+"""The hard cases of the stability study: scenes at the ends of the parameter range, and what is
+wanted of each.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,12 +19,16 @@ LIMIT_K = 1e-5  # [m/s], permeability of the cases about the smallest step
 SMALLEST_ANGLE = 5.0  # [degrees]
 LONG = 20_000  # steps
 OWN = {"accelerator": "aitken", "on_failure": "stop"}  # [coupling]: nothing helps a case but itself
-GROWTH_BOUND, DRIFT_BOUND = 1e-3, 1e-3  # of energy and displacement: the tolerance 1e-6 of a step, 1000 times over 20 000 steps
+GROWTH_BOUND, DRIFT_BOUND = (
+    1e-3,
+    1e-3,
+)  # of energy and displacement: the tolerance 1e-6 of a step, 1000 times over 20 000 steps
 
 
 @dataclass(frozen=True)
 class HardCase:
-    """A scene, made in a scratch folder, and what is wanted: "finished", "cut" (finished, with cuts) or "refused" (a message).
+    """A scene, made in a scratch folder, and what is wanted: "finished", "cut" (finished, with
+    cuts) or "refused" (a message).
 
     watch : makes an object with `begin` (a watcher of `trial.attempt`), `note` and `fine`
     """
@@ -45,11 +51,14 @@ class HardCase:
 
 
 class Endurance:
-    """Growth of the stored energy and drift of the displacement: the last quarter of a run against its second one."""
+    """Growth of the stored energy and drift of the displacement: the last quarter of a run against
+    its second one.
+    """
 
     def begin(self, coupling):
         """Return the function that looks at a step."""
-        self._energy, self._u = [], []
+        self._energy = []
+        self._u = []
         return self._look
 
     def _look(self, clock, coupling, energy):
@@ -66,9 +75,13 @@ class Endurance:
     def drift(self):
         """Return the change of the mean vertical displacement over its largest magnitude.
 
-        Hann's window makes the mean in time blind to vibrations, whose periods do not fill a quarter.
+        Hann's window makes the mean in time blind to vibrations, whose periods do not fill a
+        quarter.
         """
-        second, last = (np.average(quarter, weights=np.hanning(len(quarter))) for quarter in self._quarters(self._u))
+        second, last = (
+            np.average(quarter, weights=np.hanning(len(quarter)))
+            for quarter in self._quarters(self._u)
+        )
         return float(abs(last - second) / np.abs(self._u).max())
 
     @staticmethod
@@ -87,26 +100,58 @@ class Endurance:
         return f"energy {self.growth:+.1e}, drift {self.drift:.1e}"
 
 
-def block(*, k=K, dt=STEP, steps=STEPS, load=None, dynamic=True, finite=False, materials=None, mesh=None, boundary=None, **more):
+def block(
+    *,
+    k=K,
+    dt=STEP,
+    steps=STEPS,
+    load=None,
+    dynamic=True,
+    finite=False,
+    materials=None,
+    mesh=None,
+    boundary=None,
+    **more,
+):
     """Return the function that makes the scene of a block under a load on half of its top.
 
-    The load is sudden at small strain; at finite strain it grows linearly to 20 % drained confined compression.
+    The load is sudden at small strain; at finite strain it grows linearly to 20 % drained confined
+    compression.
     more : rho_inf and sections of the scene
     """
-    end, law = steps * dt, "neo_hookean" if finite else "linear_elastic"
-    load = load or (f"{soil.confined_load(law, 1 - soil.COMPRESSION)!r}*t/{end!r}" if finite else f"{soil.SMALL_LOAD!r}")
-    time = {"end": end, "step": dt} | ({"rho_inf": more.pop("rho_inf", 0.3)} if dynamic else {"scheme": "backward_euler"})
+    end = steps * dt
+    law = "neo_hookean" if finite else "linear_elastic"
+    load = load or (
+        f"{soil.confined_load(law, 1 - soil.COMPRESSION)!r}*t/{end!r}"
+        if finite
+        else f"{soil.SMALL_LOAD!r}"
+    )
+    time = {"end": end, "step": dt} | (
+        {"rho_inf": more.pop("rho_inf", 0.3)} if dynamic else {"scheme": "backward_euler"}
+    )
     materials = materials or [soil.material(k, law)]
-    mesh, boundary = mesh or soil.mesh(CELLS), (boundary or soil.boundary)(load)
+    mesh = mesh or soil.mesh(CELLS)
+    boundary = (boundary or soil.boundary)(load)
     more["coupling"] = OWN | more.get("coupling", {})
-    return lambda folder: soil.scene("hard case", mesh, soil.model(dynamic, finite), time, materials, boundary, **more)
+    return lambda folder: soil.scene(
+        "hard case", mesh, soil.model(dynamic, finite), time, materials, boundary, **more
+    )
 
 
 def compressed(law, load, n_s0, **more):
-    """Return the maker of a column that is slowly compressed by a pressure [Pa] on its drained top, which rises for 20 s."""
+    """Return the maker of a column that is slowly compressed by a pressure [Pa] on its drained top,
+    which rises for 20 s.
+    """
     materials = [soil.material(K, law, porosity=1 - n_s0)]
     ramp = f"{load!r}*minimum(t/20, 1)"
-    common = {"dt": 1.0, "steps": 40, "dynamic": False, "finite": True, "boundary": soil.covered, "mesh": soil.column(CELLS)}
+    common = {
+        "dt": 1.0,
+        "steps": 40,
+        "dynamic": False,
+        "finite": True,
+        "boundary": soil.covered,
+        "mesh": soil.column(CELLS),
+    }
     return block(load=ramp, materials=materials, **common, **more)
 
 
@@ -131,23 +176,34 @@ def stretched(**more):
 def layered(*permeabilities, **more):
     """Return the maker of a block of layers, their permeabilities from below."""
     regions = soil.layers(len(permeabilities))
-    materials = [soil.material(k, region=region["name"]) for k, region in zip(permeabilities, regions, strict=True)]
+    materials = [
+        soil.material(k, region=region["name"])
+        for k, region in zip(permeabilities, regions, strict=True)
+    ]
     return block(mesh=soil.mesh(CELLS, regions=regions), materials=materials, **more)
 
 
 def limit_step(cells=CELLS):
-    """Return h²/(4 c_v) [s], under which a drained boundary oscillates on equal order without stabilization (θ = 1)."""
+    """Return h²/(4 c_v) [s], under which a drained boundary oscillates on equal order without
+    stabilization (θ = 1).
+    """
     diffusivity = LIMIT_K * (soil.LAME["lambda"] + 2 * soil.LAME["mu"]) / 1e4
     return (soil.SIZE / cells) ** 2 / (4 * diffusivity)
 
 
 def footing(load):
     """Return an impermeable footing on half of the top, the other half drained."""
-    return [*soil.walls(), {"on": "top", "pressure": 0.0}, {"on": "load", "traction": {"y": f"-({load})"}}]
+    return [
+        *soil.walls(),
+        {"on": "top", "pressure": 0.0},
+        {"on": "load", "traction": {"y": f"-({load})"}},
+    ]
 
 
 def free_sides(load):
-    """Return free impermeable sides, a fixed impermeable base, and a drained top that is loaded on one half."""
+    """Return free impermeable sides, a fixed impermeable base, and a drained top that is loaded on
+    one half.
+    """
     base = {"on": "bottom", "displacement": {"x": 0.0, "y": 0.0}, "velocity": {"y": 0.0}}
     return [base, {"on": ["left", "right"]}, *soil.boundary(load)[-2:]]
 
@@ -159,21 +215,31 @@ def nearly_incompressible(nu=0.4999):
 
 
 def shipped(name, *overrides):
-    """Return the maker of a shipped scene with changes; it is not judged by its own expectations."""
+    """Return the maker of a shipped scene with changes; it is not judged by its own
+    expectations.
+    """
     own = [f"coupling.{key}={value}" for key, value in OWN.items()]
     return lambda folder: load_scene(name, ("expect=[]", *own, *overrides))
 
 
 def free_vibration(steps):
-    """Return the maker of a column that swings after a half sine, nearly without dissipation: k_f = 1e3 m/s, ρ∞ = 1."""
+    """Return the maker of a column that swings after a half sine, nearly without dissipation: k_f =
+    1e3 m/s, ρ∞ = 1.
+    """
     load = f"{soil.SMALL_LOAD!r}*where(t < 0.05, sin({20 * pi!r}*t), 0)"
-    return block(k=1e3, steps=steps, load=load, rho_inf=1.0, mesh=soil.column(8), boundary=soil.covered)
+    return block(
+        k=1e3, steps=steps, load=load, rho_inf=1.0, mesh=soil.column(8), boundary=soil.covered
+    )
 
 
 def forced_vibration(steps):
-    """Return the maker of a column at finite strain under a harmonic load, 20 steps to the period."""
+    """Return the maker of a column at finite strain under a harmonic load, 20 steps to the
+    period.
+    """
     load = f"5e5*(1 - cos({20 * pi!r}*t))"
-    return block(dt=5e-3, steps=steps, load=load, finite=True, mesh=soil.column(8), boundary=soil.covered)
+    return block(
+        dt=5e-3, steps=steps, load=load, finite=True, mesh=soil.column(8), boundary=soil.covered
+    )
 
 
 SHORT = ("time.end=0.1", "reference.times=[0.1]")
@@ -198,37 +264,67 @@ CASES = (
         "pulse2d at k_f = 1e-12",
         shipped("pulse2d_low_permeability", "material.0.permeability.k=1e-12", "time.end=0.03"),
     ),
-    HardCase("step", "Δt = 1e-3 h²/(4 c_v)", block(k=LIMIT_K, dt=1e-3 * limit_step(), dynamic=False)),
     HardCase(
-        "step", "Δt = 1e-3 h²/(4 c_v), P2", block(k=LIMIT_K, dt=1e-3 * limit_step(), dynamic=False, mesh=soil.mesh(CELLS, 2))
+        "step", "Δt = 1e-3 h²/(4 c_v)", block(k=LIMIT_K, dt=1e-3 * limit_step(), dynamic=False)
+    ),
+    HardCase(
+        "step",
+        "Δt = 1e-3 h²/(4 c_v), P2",
+        block(k=LIMIT_K, dt=1e-3 * limit_step(), dynamic=False, mesh=soil.mesh(CELLS, 2)),
     ),
     HardCase("step", "Δt = 1e3 h²/(4 c_v)", block(k=LIMIT_K, dt=1e3 * limit_step(), dynamic=False)),
     *(HardCase("time scheme", f"ρ∞ = {rho:g}", block(rho_inf=rho)) for rho in (0.0, 0.5, 1.0)),
-    *(HardCase("time scheme", f"ρ∞ = {rho:g}, large strain", block(rho_inf=rho, finite=True)) for rho in (0.0, 1.0)),
+    *(
+        HardCase("time scheme", f"ρ∞ = {rho:g}, large strain", block(rho_inf=rho, finite=True))
+        for rho in (0.0, 1.0)
+    ),
     HardCase(
         "skeleton",
         "ν = 0.4999, undrained start",
         block(k=LIMIT_K, dynamic=False, materials=[soil.material(LIMIT_K, lame=STIFF_IN_VOLUME)]),
     ),
-    HardCase("skeleton", "ν = 0.4999, dynamic", block(materials=[soil.material(K, lame=STIFF_IN_VOLUME)])),
+    HardCase(
+        "skeleton", "ν = 0.4999, dynamic", block(materials=[soil.material(K, lame=STIFF_IN_VOLUME)])
+    ),
     HardCase("layers", "k_f = 1e-2 | 1e-8", layered(1e-2, 1e-8, 1e-2, 1e-8)),
     HardCase("layers", "k_f = 1e-8 | 1e-2", layered(1e-8, 1e-2, 1e-8, 1e-2)),
-    HardCase("layers", "k_f = 1e-2 | 1e-8, quasi-static", layered(1e-2, 1e-8, 1e-2, 1e-8, dt=1.0, dynamic=False)),
-    *(HardCase("porosity", f"n_f = {n:g}", block(materials=[soil.material(K, porosity=n)])) for n in (0.01, 0.99)),
     HardCase(
-        "porosity", "n_f = 0.99, large strain", block(finite=True, materials=[soil.material(K, "neo_hookean", porosity=0.99)])
+        "layers",
+        "k_f = 1e-2 | 1e-8, quasi-static",
+        layered(1e-2, 1e-8, 1e-2, 1e-8, dt=1.0, dynamic=False),
+    ),
+    *(
+        HardCase("porosity", f"n_f = {n:g}", block(materials=[soil.material(K, porosity=n)]))
+        for n in (0.01, 0.99)
+    ),
+    HardCase(
+        "porosity",
+        "n_f = 0.99, large strain",
+        block(finite=True, materials=[soil.material(K, "neo_hookean", porosity=0.99)]),
     ),
     HardCase("compression", "to J = 0.5 at n_s0 = 0.3", compressed("neo_hookean", HALF, 0.3)),
     HardCase("compression", "beyond the compaction point", COMPACTED, "refused"),
     HardCase("compression", "beyond the compaction point, steps cut", COMPACTED_CUT, "refused"),
-    HardCase("compression", "towards the compaction point, J = 0.68 at n_s0 = 0.67", NEARLY_COMPACTED),
+    HardCase(
+        "compression", "towards the compaction point, J = 0.68 at n_s0 = 0.67", NEARLY_COMPACTED
+    ),
     HardCase("compression", "1.2 times what the law carries", TOO_MUCH_FOR_LAW, "refused"),
     HardCase("boundaries", "impermeable footing", block(boundary=footing)),
     HardCase("boundaries", "impermeable footing, k_f = 1e-9", block(k=1e-9, boundary=footing)),
-    HardCase("boundaries", "impermeable footing, quasi-static", block(dt=0.1, dynamic=False, boundary=footing)),
+    HardCase(
+        "boundaries",
+        "impermeable footing, quasi-static",
+        block(dt=0.1, dynamic=False, boundary=footing),
+    ),
     HardCase("boundaries", "free impermeable sides", block(boundary=free_sides)),
-    HardCase("boundaries", "free impermeable sides, k_f = 1e-9", block(k=1e-9, boundary=free_sides)),
-    HardCase("boundaries", "free impermeable sides, quasi-static", block(dt=0.1, dynamic=False, boundary=free_sides)),
+    HardCase(
+        "boundaries", "free impermeable sides, k_f = 1e-9", block(k=1e-9, boundary=free_sides)
+    ),
+    HardCase(
+        "boundaries",
+        "free impermeable sides, quasi-static",
+        block(dt=0.1, dynamic=False, boundary=free_sides),
+    ),
     HardCase("mesh", "angles of 5°", distorted()),
     HardCase("mesh", "angles of 5°, k_f = 1e-9", distorted(k=1e-9)),
     HardCase("mesh", "angles of 5°, large strain", distorted(finite=True)),
@@ -236,8 +332,14 @@ CASES = (
     HardCase("mesh", "aspect 100, k_f = 1e-9", stretched(k=1e-9)),
     HardCase("mesh", "aspect 100, large strain", stretched(finite=True)),
     HardCase("mesh", "aspect 100, quasi-static", stretched(k=LIMIT_K, dt=1e-2, dynamic=False)),
-    HardCase("mesh", "aspect 100, k_f = 1e-12, quasi-static", stretched(k=1e-12, dt=1e-2, dynamic=False)),
-    HardCase("mesh", "terzaghi, 6 cells P1", shipped("terzaghi", "mesh.order=1", "mesh.y.cells=[6]", *SHORT)),
+    HardCase(
+        "mesh", "aspect 100, k_f = 1e-12, quasi-static", stretched(k=1e-12, dt=1e-2, dynamic=False)
+    ),
+    HardCase(
+        "mesh",
+        "terzaghi, 6 cells P1",
+        shipped("terzaghi", "mesh.order=1", "mesh.y.cells=[6]", *SHORT),
+    ),
     HardCase(
         "Newton",
         "a sudden load in one step",
@@ -245,11 +347,22 @@ CASES = (
         "cut",
     ),
     *(
-        HardCase("density", f"ρ_sR/ρ_fR = {ratio:g}, {text}", block(k=k, materials=[soil.material(k, grains=1000.0 * ratio)]))
+        HardCase(
+            "density",
+            f"ρ_sR/ρ_fR = {ratio:g}, {text}",
+            block(k=k, materials=[soil.material(k, grains=1000.0 * ratio)]),
+        )
         for ratio in (0.1, 10.0)
         for k, text in ((K, "k_f = 1e-2"), (1e-9, "k_f = 1e-9"))
     ),
     HardCase("long", "20 000 steps, free vibration, ρ∞ = 1", free_vibration(LONG), watch=Endurance),
-    HardCase("long", "20 000 steps, forced vibration, large strain", forced_vibration(LONG), watch=Endurance),
+    HardCase(
+        "long",
+        "20 000 steps, forced vibration, large strain",
+        forced_vibration(LONG),
+        watch=Endurance,
+    ),
 )
-QUICK = tuple(case for case in CASES if case.name in ("Δt = 1e3 h²/(4 c_v)", "beyond the compaction point"))
+QUICK = tuple(
+    case for case in CASES if case.name in ("Δt = 1e3 h²/(4 c_v)", "beyond the compaction point")
+)

@@ -21,7 +21,9 @@ class Errors:
     def begin(self, coupling):
         """Return the function that looks at a step."""
         self._comparison = Comparison(self._scene, coupling.solid.domain)
-        return lambda clock, coupling, energy: self._comparison.after_step(clock, coupling.solid.u, coupling.fluid.p)
+        return lambda clock, coupling, energy: self._comparison.after_step(
+            clock, coupling.solid.u, coupling.fluid.p
+        )
 
     @property
     def error_u(self):
@@ -36,15 +38,22 @@ class Errors:
 
 
 class Samples:
-    """Displacement and pressure at points and times, linear between steps; `values` (times, points, d + 1)."""
+    """Displacement and pressure at points and times, linear between steps; `values` (times, points,
+    d + 1).
+    """
 
     def __init__(self, points, times, reference=None):
         """Take points (n, d), increasing times [s] and the values of a run to compare with."""
-        self._points, self._times, self._reference, self.values = points, times, reference, []
+        self._points = points
+        self._times = times
+        self._reference = reference
+        self.values = []
 
     def begin(self, coupling):
         """Return the function that looks at a step."""
-        self._probes = Probes(coupling.solid.mesh, [(f"sample {i}", point) for i, point in enumerate(self._points)])
+        self._probes = Probes(
+            coupling.solid.mesh, [(f"sample {i}", point) for i, point in enumerate(self._points)]
+        )
         self._before = 0.0, self._at_points(coupling)
         return self._look
 
@@ -60,7 +69,8 @@ class Samples:
         self._before = clock.t, now
 
     def _distance(self, columns):
-        found, exact = np.array(self.values)[..., columns], np.array(self._reference)[..., columns]
+        found = np.array(self.values)[..., columns]
+        exact = np.array(self._reference)[..., columns]
         return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
 
     @property

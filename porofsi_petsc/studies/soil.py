@@ -1,11 +1,15 @@
-"""Scenes of the studies as dictionaries: one soil, and a block of it that is loaded on half of its drained top."""
+"""Scenes of the studies as dictionaries: one soil, and a block of it that is loaded on half of its
+drained top.
+"""
 
 from ..config import Scene
 from ..config.sections import Limits
 from ..materials import ELASTIC
 
 LAME = {"lambda": 8.375e6, "mu": 5.583e6}  # [Pa]
-YOUNG = LAME["mu"] * (3 * LAME["lambda"] + 2 * LAME["mu"]) / (LAME["lambda"] + LAME["mu"])  # [Pa], with ν = 0.3
+YOUNG = (
+    LAME["mu"] * (3 * LAME["lambda"] + 2 * LAME["mu"]) / (LAME["lambda"] + LAME["mu"])
+)  # [Pa], with ν = 0.3
 POROSITY, SIZE = 0.33, 10.0  # [-], edge of the block [m]
 SMALL_LOAD = 3e3  # [Pa], 0.015 % drained compression
 COMPRESSION = 0.2  # drained, of the large-strain cases [-]
@@ -13,12 +17,16 @@ REPORT_ALL = {name: "report" for name in Limits.model_fields}
 
 
 def confined_load(law, J, n_s0=1 - POROSITY):
-    """Return the pressure [Pa] under which the soil, laterally confined and drained, rests at the volume ratio J."""
+    """Return the pressure [Pa] under which the soil, laterally confined and drained, rests at the
+    volume ratio J.
+    """
     return -float(ELASTIC[law](LAME["lambda"], LAME["mu"], n_s0).confined(J))
 
 
 def material(k, law="linear_elastic", lame=LAME, porosity=POROSITY, grains=2000.0, region="body"):
-    """Return a [[material]] of permeability k [m/s], skeleton law and Lamé parameters [Pa], density of the grains [kg/m³]."""
+    """Return a [[material]] of permeability k [m/s], skeleton law and Lamé parameters [Pa], density
+    of the grains [kg/m³].
+    """
     return {
         "region": region,
         "porosity": porosity,
@@ -29,9 +37,14 @@ def material(k, law="linear_elastic", lame=LAME, porosity=POROSITY, grains=2000.
 
 
 def lame(poisson, factor=1.0):
-    """Return the Lamé parameters of a soil of this Poisson's ratio, as many times as stiff as set A [Pa]."""
+    """Return the Lamé parameters of a soil of this Poisson's ratio, as many times as stiff as set A
+    [Pa].
+    """
     E = factor * YOUNG
-    return {"lambda": E * poisson / ((1 + poisson) * (1 - 2 * poisson)), "mu": E / (2 * (1 + poisson))}
+    return {
+        "lambda": E * poisson / ((1 + poisson) * (1 - 2 * poisson)),
+        "mu": E / (2 * (1 + poisson)),
+    }
 
 
 def layers(number):
@@ -55,19 +68,37 @@ def mesh(cells, order=1, dim=2, regions=()):
 def column(cells, order=1):
     """Return a column of one cell width, fine at its top."""
     height = {"points": [0.0, SIZE], "cells": [cells], "ratios": [0.2]}
-    return {"kind": "rectangle", "order": order, "x": {"points": [0.0, 0.5], "cells": [1]}, "y": height}
+    return {
+        "kind": "rectangle",
+        "order": order,
+        "x": {"points": [0.0, 0.5], "cells": [1]},
+        "y": height,
+    }
 
 
 def walls(dim=2):
     """Return impermeable rollers at the sides and the base."""
-    sides = {"x": ["left", "right"], "y": ["front", "back"] if dim == 3 else ["bottom"], "z": ["bottom"]}
-    return [{"on": sides[axis], "displacement": {axis: 0.0}, "velocity": {axis: 0.0}} for axis in "xyz"[:dim]]
+    sides = {
+        "x": ["left", "right"],
+        "y": ["front", "back"] if dim == 3 else ["bottom"],
+        "z": ["bottom"],
+    }
+    return [
+        {"on": sides[axis], "displacement": {axis: 0.0}, "velocity": {axis: 0.0}}
+        for axis in "xyz"[:dim]
+    ]
 
 
 def boundary(load, dim=2):
-    """Return `walls` and a drained top with a pressure `load` (formula, [Pa]) on the patch `load`."""
+    """Return `walls` and a drained top with a pressure `load` (formula, [Pa]) on the patch
+    `load`.
+    """
     traction = {"xyz"[dim - 1]: f"-({load})"}
-    return [*walls(dim), {"on": ["top", "load"], "pressure": 0.0}, {"on": "load", "traction": traction}]
+    return [
+        *walls(dim),
+        {"on": ["top", "load"], "pressure": 0.0},
+        {"on": "load", "traction": traction},
+    ]
 
 
 def covered(load):
@@ -76,12 +107,25 @@ def covered(load):
 
 
 def model(dynamic=True, finite=False):
-    """Return [model]: with or without inertia; at finite strain the mesh moves, convects and n_s = n_s0/J."""
+    """Return [model]: with or without inertia; at finite strain the mesh moves, convects and n_s =
+    n_s0/J.
+    """
     terms = {"solid_inertia": dynamic, "fluid_inertia": dynamic}
-    return terms | ({"moving_mesh": True, "convection": dynamic, "porosity": "variable"} if finite else {})
+    return terms | (
+        {"moving_mesh": True, "convection": dynamic, "porosity": "variable"} if finite else {}
+    )
 
 
 def scene(title, mesh, model, time, materials, boundary, **more):
-    """Return the validated scene of these sections; what a model leaves out is reported, not refused."""
-    sections = {"title": title, "mesh": mesh, "model": model, "time": time, "material": materials, "boundary": boundary}
+    """Return the validated scene of these sections; what a model leaves out is reported, not
+    refused.
+    """
+    sections = {
+        "title": title,
+        "mesh": mesh,
+        "model": model,
+        "time": time,
+        "material": materials,
+        "boundary": boundary,
+    }
     return Scene.model_validate(sections | {"limits": REPORT_ALL} | more)

@@ -1,4 +1,6 @@
-"""Study of hard cases: did it finish, did the pressure oscillate, was energy kept, how many iterations."""
+"""Study of hard cases: did it finish, did the pressure oscillate, was energy kept, how many
+iterations.
+"""
 
 import tempfile
 from pathlib import Path
@@ -9,9 +11,35 @@ from .hard_cases import CASES, QUICK
 from .table import Table, markdown, sweep
 from .trial import Outcome, attempt
 
-VALUES = ("wanted", "kept", "steps", "cuts", "oscillation", "energy_error", "mean", "max", "seconds", "note", "message")
-HEADER = ("", "case", "wanted", "kept", "steps", "cut", "oscillation of p", "energy error", "mean", "largest", "time [s]", "note")
-ENERGY_BOUND = 1e-5  # of the largest work: ten times the tolerance of the coupling, which is what the balance leaves
+VALUES = (
+    "wanted",
+    "kept",
+    "steps",
+    "cuts",
+    "oscillation",
+    "energy_error",
+    "mean",
+    "max",
+    "seconds",
+    "note",
+    "message",
+)
+HEADER = (
+    "",
+    "case",
+    "wanted",
+    "kept",
+    "steps",
+    "cut",
+    "oscillation of p",
+    "energy error",
+    "mean",
+    "largest",
+    "time [s]",
+    "note",
+)
+# of the largest work: ten times the tolerance of the coupling, which is what the balance leaves
+ENERGY_BOUND = 1e-5
 
 
 def run_case(case, folder):
@@ -44,15 +72,23 @@ def _kept(case, outcome, watch):
     """Return whether a case did what is wanted of it and kept its energy."""
     if case.wanted == "refused":
         return bool(outcome.failure)
-    fine = not outcome.failure and outcome.energy_error < ENERGY_BOUND and (watch is None or watch.fine)
+    fine = (
+        not outcome.failure
+        and outcome.energy_error < ENERGY_BOUND
+        and (watch is None or watch.fine)
+    )
     return fine and (case.wanted != "cut" or outcome.cuts > 0)
 
 
 def study(directory, quick=False, anew=False, say=print):
-    """Run the cases and write stability.csv and stability.md into the directory; return the rows."""
+    """Run the cases and write stability.csv and stability.md into the directory; return the
+    rows.
+    """
     table = Table(directory / "stability.csv", ("group", "case"), VALUES, anew)
     with tempfile.TemporaryDirectory() as scratch:
-        rows = sweep(table, QUICK if quick else CASES, lambda case: run_case(case, Path(scratch)), say)
+        rows = sweep(
+            table, QUICK if quick else CASES, lambda case: run_case(case, Path(scratch)), say
+        )
     write_text(directory / "stability.md", report(rows))
     say(f"table: {directory / 'stability.md'}")
     return rows
@@ -61,20 +97,25 @@ def study(directory, quick=False, anew=False, say=print):
 def report(rows):
     """Return the markdown table and what was refused with which message."""
     columns = ("group", "case", *VALUES[:-1])
-    messages = [f"- {row['group']}, {row['case']}: {row['message']}" for row in rows if row["message"]]
+    messages = [
+        f"- {row['group']}, {row['case']}: {row['message']}" for row in rows if row["message"]
+    ]
     table = markdown(HEADER, [[row[column] for column in columns] for row in rows])
     return TEXT.format(table=table, bound=ENERGY_BOUND, messages="\n".join(messages) or "none")
 
 
 TEXT = """# Hard cases
 
-Written by `porofsi study stability` (do not edit by hand); the scenes: `porofsi_petsc/studies/hard_cases.py`.
+Written by `porofsi study stability` (do not edit by hand); the scenes:
+`porofsi_petsc/studies/hard_cases.py`.
 
-Unless the case says otherwise: the block of [coupling.md](coupling.md) with 16 cells P1, k_f = 1e-2 m/s, 50 steps of 1 ms, ρ∞ =
-0.3, a sudden load of 3 kPa on one half of the drained top; large strain: the load grows linearly to 20 % drained compression.
-Aitken, tolerance 1e-6. Kept: the case did what is wanted of it, with an energy error below {bound:g} of the largest work.
-Oscillation: norm of the pressure minus its average over the elements of each node over the norm of the pressure, each the largest
-of the run; a layer under a drained surface that the mesh does not resolve counts as well.
+Unless the case says otherwise: the block of [coupling.md](coupling.md) with 16 cells P1, k_f = 1e-2
+m/s, 50 steps of 1 ms, ρ∞ = 0.3, a sudden load of 3 kPa on one half of the drained top; large
+strain: the load grows linearly to 20 % drained compression. Aitken, tolerance 1e-6. Kept: the case
+did what is wanted of it, with an energy error below {bound:g} of the largest work. Oscillation:
+norm of the pressure minus its average over the elements of each node over the norm of the pressure,
+each the largest of the run; a layer under a drained surface that the mesh does not resolve counts
+as well.
 
 {table}
 

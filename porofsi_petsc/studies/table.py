@@ -1,4 +1,6 @@
-"""Tables of a study: a CSV that grows case by case, so that a study goes on where it was stopped, and markdown rows."""
+"""Tables of a study: a CSV that grows case by case, so that a study goes on where it was stopped,
+and markdown rows.
+"""
 
 import csv
 import time
@@ -11,11 +13,15 @@ class Table:
     """The rows of a CSV file, each a dict of texts; the first columns, `keys`, name the case."""
 
     def __init__(self, path, keys, values, anew=False):
-        """Go on with the file when it is there, unless all is wanted anew; incomplete rows and other columns are dropped.
+        """Go on with the file when it is there, unless all is wanted anew; incomplete rows and
+        other columns are dropped.
 
         Raises InputError for a file that is no table and for a place that cannot be written to.
         """
-        self.path, self._keys, self._columns, self._rows = path, tuple(keys), [*keys, *values], {}
+        self.path = path
+        self._keys = tuple(keys)
+        self._columns = [*keys, *values]
+        self._rows = {}
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.is_file() and not anew:
@@ -23,14 +29,22 @@ class Table:
             self._write()
         except OSError as failure:
             reason = failure.strerror
-            raise InputError(f"{path}: could not be written ({reason}); give another directory with --output") from failure
+            raise InputError(
+                f"{path}: could not be written ({reason}); give another directory with --output"
+            ) from failure
         except (UnicodeDecodeError, csv.Error) as other:
             text = "received a file that is no table, expected one of an earlier study"
-            raise InputError(f"{path}: {text}; replace it with --force, or give another directory with --output") from other
+            raise InputError(
+                f"{path}: {text}; replace it with --force, or give another directory with --output"
+            ) from other
 
     def _read(self):
         with self.path.open(newline="", encoding="utf-8") as file:
-            rows = [row for row in csv.DictReader(file) if list(row) == self._columns and None not in row.values()]
+            rows = [
+                row
+                for row in csv.DictReader(file)
+                if list(row) == self._columns and None not in row.values()
+            ]
         return {self._name(row): row for row in rows}
 
     def _name(self, row):
@@ -63,11 +77,14 @@ def as_text(value):
 
 
 def sweep(table, cases, run, say=print):
-    """Run the cases that the table does not have, with a line for each; return the rows of all cases in their order.
+    """Run the cases that the table does not have, with a line for each; return the rows of all
+    cases in their order.
 
-    cases : objects with `keys` (dict of the table's keys) and a short `label`; run : case -> dict of the other columns.
+    cases : objects with `keys` (dict of the table's keys) and a short `label`; run : case -> dict
+    of the other columns.
     """
-    cases, began = list(cases), time.monotonic()
+    cases = list(cases)
+    began = time.monotonic()
     todo = [case for case in cases if table.find(case.keys) is None]
     if len(todo) < len(cases):
         say(f"{len(cases) - len(todo)} of {len(cases)} cases are in {table.path}")
@@ -75,7 +92,9 @@ def sweep(table, cases, run, say=print):
         values = run(case)
         table.add(case.keys | values)
         left = (time.monotonic() - began) / done * (len(todo) - done)
-        found = ", ".join(f"{name} {as_text(value)}" for name, value in values.items() if as_text(value))
+        found = ", ".join(
+            f"{name} {as_text(value)}" for name, value in values.items() if as_text(value)
+        )
         say(f"{done}/{len(todo)} {case.label}: {found}; {left:.0f} s left")
     return [table.find(case.keys) for case in cases]
 
@@ -83,4 +102,7 @@ def sweep(table, cases, run, say=print):
 def markdown(header, rows):
     """Return a markdown table of texts or numbers."""
     lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(as_text(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(as_text(cell).replace("|", "\\|") for cell in line) + " |"
+        for line in lines
+    )

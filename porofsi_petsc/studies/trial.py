@@ -13,10 +13,12 @@ from ..simulation.simulation import Simulation
 
 @dataclass
 class Outcome:
-    """What a run did: the message of its failure ("" when it reached the end), coupling iterations per step.
+    """What a run did: the message of its failure ("" when it reached the end), coupling iterations
+    per step.
 
-    cuts : steps repeated with a smaller size; oscillation : `Measures.oscillation_indicator`; energy_error : relative error of
-    the energy balance; unknowns : of all fields; seconds : wall time with set-up, without what the watch took; t : reached [s]
+    cuts : steps repeated with a smaller size; oscillation : `Measures.oscillation_indicator`;
+    energy_error : relative error of the energy balance; unknowns : of all fields; seconds : wall
+    time with set-up, without what the watch took; t : reached [s]
     """
 
     failure: str = ""
@@ -30,12 +32,16 @@ class Outcome:
 
     @property
     def mean(self):
-        """Return the mean number of coupling iterations of a step, NaN when no step was accepted."""
+        """Return the mean number of coupling iterations of a step, NaN when no step was
+        accepted.
+        """
         return float(np.mean(self.iterations)) if self.iterations else float("nan")
 
     @property
     def largest(self):
-        """Return the largest number of coupling iterations of a step, 0 when no step was accepted."""
+        """Return the largest number of coupling iterations of a step, 0 when no step was
+        accepted.
+        """
         return max(self.iterations, default=0)
 
 
@@ -45,8 +51,11 @@ def attempt(scene, watcher=None):
     watcher : coupling -> function of (clock, coupling, energy), called after every accepted step.
     """
     start(scene.petsc.options)
-    stopwatch, outcome = Stopwatch(), Outcome()
-    unjudged = scene.model_copy(update={"reference": None})  # a watch compares with the reference, outside of the measured time
+    stopwatch = Stopwatch()
+    outcome = Outcome()
+    unjudged = scene.model_copy(
+        update={"reference": None}
+    )  # a watch compares with the reference, outside of the measured time
     try:
         with Simulation(unjudged, MPI.COMM_SELF, stopwatch) as simulation:
             _advance(simulation, watcher, outcome)
@@ -60,8 +69,11 @@ def attempt(scene, watcher=None):
 
 def _advance(simulation, watcher, outcome):
     """Run to the end; the outcome is complete up to the last accepted step however that ends."""
-    coupling, loop, energy = simulation.coupling, simulation.loop, simulation.energy
-    domain, measure = coupling.solid.domain, simulation.stopwatch.measure
+    coupling = simulation.coupling
+    loop = simulation.loop
+    energy = simulation.energy
+    domain = coupling.solid.domain
+    measure = simulation.stopwatch.measure
     with measure("watch"):
         watch = watcher(coupling) if watcher else lambda clock, coupling, energy: None
 
@@ -73,6 +85,8 @@ def _advance(simulation, watcher, outcome):
     try:
         simulation.run(callbacks=[watched])
     finally:
-        outcome.iterations, outcome.cuts, outcome.t = loop.iterations, loop.clock.cuts, loop.clock.t
+        outcome.iterations = loop.iterations
+        outcome.cuts = loop.clock.cuts
+        outcome.t = loop.clock.t
         outcome.oscillation = simulation.measures.oscillation_indicator
         outcome.energy_error = energy.report()["balance_error_relative"]
