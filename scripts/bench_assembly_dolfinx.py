@@ -22,8 +22,10 @@ JIT = {
 LOOP = """
 #include <string.h>
 #include <stdint.h>
-typedef void (*kernel)(double *, const double *, const double *, const double *, const int *, const uint8_t *);
-double loop(uintptr_t f, int elements, int size, const double *w, int n_w, const double *c, const double *x, int n_x) {
+typedef void (*kernel)(double *, const double *, const double *, const double *, const int *,
+                       const uint8_t *);
+double loop(uintptr_t f, int elements, int size, const double *w, int n_w, const double *c,
+            const double *x, int n_x) {
   double A[2000], sum = 0; int local = 0; uint8_t permutation = 0;
   for (int e = 0; e < elements; ++e) {
     memset(A, 0, sizeof(double) * size);

@@ -532,29 +532,49 @@ def report(case, rows):
     if any(row["mesh_iterations"] for row in rows):
         iterations["mesh"] = "mesh_iterations"
     parts = [
-        f"# Growth of the case `{case}`\n\nWritten by `scripts/bench_scale.py {case}` (do not edit by hand); what is measured: "
-        f"its `--help`. {versions()} {load()}\n",
+        f"# Growth of the case `{case}`\n\n"
+        f"Written by `scripts/bench_scale.py {case}` (do not edit by "
+        f"hand); what is measured: its `--help`. {versions()} {load()}\n",
         "## Sizes, two ranks\n",
         table(
-            growth, unknowns="true_unknowns", **iterations, **{"first step, s": "first_seconds", "µs per unknown": "first_us"},
-            **{"later step, s": "step_seconds", "µs per unknown ": "step_us", "peak, MB": "peak_mb"},
+            growth,
+            unknowns="true_unknowns",
+            **iterations,
+            **{"first step, s": "first_seconds", "µs per unknown": "first_us"},
+            **{
+                "later step, s": "step_seconds",
+                "µs per unknown ": "step_us",
+                "peak, MB": "peak_mb",
+            },
             **{"bytes per unknown": "peak_bytes_per_unknown", "raw": "raw_bytes_per_unknown"},
         ),
         "\n## Start and output, two ranks\n",
         table(
-            growth + of(LONG, 2, LONG_STEPS), unknowns="true_unknowns", steps="steps",
-            **{"mesh and partition, s": "mesh_seconds", "phases, s": "build_seconds", "fields, s": "fields_seconds"},
+            growth + of(LONG, 2, LONG_STEPS),
+            unknowns="true_unknowns",
+            steps="steps",
+            **{
+                "mesh and partition, s": "mesh_seconds",
+                "phases, s": "build_seconds",
+                "fields, s": "fields_seconds",
+            },
             **{"checkpoint, s": "checkpoint_seconds", "share of 50 steps": "share"},
         ),
         "\n## Ranks, the same unknowns\n",
         table(
-            fixed, ranks="ranks", **iterations,
+            fixed,
+            ranks="ranks",
+            **iterations,
             **{f"{name}, s (ratio)": faster(f"{key}_seconds") for name, key in RATIOS.items()},
-            **{"triad, GB/s (ratio)": bandwidth, "after start, MB per rank": _span, "largest peak": "start_peak_mb_largest"},
+            **{
+                "triad, GB/s (ratio)": bandwidth,
+                "after start, MB per rank": _span,
+                "largest peak": "start_peak_mb_largest",
+            },
         ),
         "\n## Ranks, the same unknowns on each\n",
         table(weak, ranks="ranks", unknowns="true_unknowns", **iterations),
-    ]  # fmt: skip
+    ]
     (STUDIES / f"scale_{case}.md").write_text("\n".join(parts) + "\n", encoding="utf-8")
     draw(case, growth)
 

@@ -63,10 +63,21 @@ def flow_chunk(element, rng, mu, convection):
         grad_n = rng.standard_normal((E, Q, d))
     symmetric = rng.standard_normal((E, Q, d, d))
     elements = flow.FlowElements(
-        N=rule.N, geometry=current, n=points() / 2, rho=points(), S=points(), mu=mu, tau=points(), tau_supg=points(),
-        nu_lsic=points(), tau_u=symmetric @ np.swapaxes(symmetric, 2, 3),
-        second=second, grad_n=grad_n, convection=convection, order=element.order,
-    )  # fmt: skip
+        N=rule.N,
+        geometry=current,
+        n=points() / 2,
+        rho=points(),
+        S=points(),
+        mu=mu,
+        tau=points(),
+        tau_supg=points(),
+        nu_lsic=points(),
+        tau_u=symmetric @ np.swapaxes(symmetric, 2, 3),
+        second=second,
+        grad_n=grad_n,
+        convection=convection,
+        order=element.order,
+    )
     fields = dict(
         v=nodal(d),
         a=nodal(d),

@@ -151,10 +151,22 @@ class Patch:
             return 0.5 + rng.random(points)
 
         self.el = flow.FlowElements(
-            N=rule.N, geometry=current, n=np.ones(points), rho=np.full(points, rho), S=None, mu=mu, tau=random(),
-            tau_supg=random(), nu_lsic=random(), tau_u=None, second=second, grad_n=None, convection=True, order=element.order,
+            N=rule.N,
+            geometry=current,
+            n=np.ones(points),
+            rho=np.full(points, rho),
+            S=None,
+            mu=mu,
+            tau=random(),
+            tau_supg=random(),
+            nu_lsic=random(),
+            tau_u=None,
+            second=second,
+            grad_n=None,
+            convection=True,
+            order=element.order,
             free=True,
-        )  # fmt: skip
+        )
 
     def residual(self, el, v, p, a):
         """Return the nodal residual, (N, d + 1), of nodal fields on a fixed mesh, the skeleton at

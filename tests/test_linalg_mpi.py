@@ -11,12 +11,12 @@ from porofsi_petsc.linalg import options
 
 options.start()
 
-from porofsi_petsc.linalg.fieldsplit import (
+from porofsi_petsc.linalg.fieldsplit import (  # noqa: E402
     fluid_defaults,
     fluid_fields,
     rigid_body_modes,
     solid_defaults,
-)  # noqa: E402
+)
 from porofsi_petsc.linalg.solver import LinearSolver  # noqa: E402
 
 pytestmark = pytest.mark.mpi

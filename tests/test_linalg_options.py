@@ -58,7 +58,8 @@ PRECEDENCE = """
 from porofsi_petsc.linalg import options
 def show():
     database = PETSc.Options().getAll()
-    print(*(database.get("solid_" + name, "-") for name in ("ksp_rtol", "ksp_atol", "ksp_max_it", "ksp_type", "ksp_divtol")))
+    names = "ksp_rtol", "ksp_atol", "ksp_max_it", "ksp_type", "ksp_divtol"
+    print(*(database.get("solid_" + name, "-") for name in names))
     print(*options.unused_options(PETSc.COMM_WORLD.tompi4py()))
 options.start("-solid_ksp_rtol 2 -solid_ksp_atol 2", ["-solid_ksp_atol", "3"])
 from petsc4py import PETSc

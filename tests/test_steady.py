@@ -91,11 +91,19 @@ def test_where_no_path_leads_to_a_flow_the_run_says_how_far_it_came(tmp_path):
 
 BLOCK = """
 title = "A square pressed together in steps"
-mesh = { kind = "rectangle", order = 2, x = { points = [0.0, 1.0], cells = [4] }, y = { points = [0.0, 1.0], cells = [4] } }
+mesh.kind = "rectangle"
+mesh.order = 2
+mesh.x = { points = [0.0, 1.0], cells = [4] }
+mesh.y = { points = [0.0, 1.0], cells = [4] }
 time = { scheme = "steady", end = 3.0, step = 1.0 }
-material = [{ region = "body", solid = { law = "neo_hookean", young = 1e6, poisson = 0.49, density = 1000.0 } }]
-boundary = [{ on = "left", displacement = { x = 0.0 } }, { on = "bottom", displacement = { y = 0.0 } },
-    { on = "top", displacement = { y = "-0.05*minimum(t, 2) - 0.06*where(t > 2.5, 1, 0)" } }, { on = "right" }]
+material = [{ region = "body",
+    solid = { law = "neo_hookean", young = 1e6, poisson = 0.49, density = 1000.0 } }]
+boundary = [
+    { on = "left", displacement = { x = 0.0 } },
+    { on = "bottom", displacement = { y = 0.0 } },
+    { on = "top", displacement = { y = "-0.05*minimum(t, 2) - 0.06*where(t > 2.5, 1, 0)" } },
+    { on = "right" },
+]
 probe = [{ name = "corner", at = [1.0, 1.0], quantities = ["u_x"] }]
 """
 

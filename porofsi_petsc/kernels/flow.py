@@ -165,15 +165,28 @@ def _arguments(el, f):
     curved = second is not None
     none = np.empty((0, 0))
     elements = flow_loops.Elements(
-        N=plain(el.N), G=plain(G), dV=plain(dV), n=plain(el.n), rho=plain(el.rho), S=plain(el.S) if drag else none,
-        mu=float(el.mu), tau=plain(el.tau), tau_supg=plain(el.tau_supg), nu_lsic=plain(el.nu_lsic),
+        N=plain(el.N),
+        G=plain(G),
+        dV=plain(dV),
+        n=plain(el.n),
+        rho=plain(el.rho),
+        S=plain(el.S) if drag else none,
+        mu=float(el.mu),
+        tau=plain(el.tau),
+        tau_supg=plain(el.tau_supg),
+        nu_lsic=plain(el.nu_lsic),
         tau_u=plain(el.tau_u) if undrained else np.empty((0, 0, 0, 0)),
         nodes=plain(second.element.node_coordinates) if curved else none,
         hessian=plain(second.element.hessian()) if curved else np.empty((0, 0, 0)),
-        bend=plain(second.bend) if curved else np.empty((0, 0, 0)), grad_n=plain(el.grad_n) if graded else np.empty((0, 0, 0)),
-        convection=bool(el.convection), drag=drag, undrained=undrained, curved=curved, graded=graded,
+        bend=plain(second.bend) if curved else np.empty((0, 0, 0)),
+        grad_n=plain(el.grad_n) if graded else np.empty((0, 0, 0)),
+        convection=bool(el.convection),
+        drag=drag,
+        undrained=undrained,
+        curved=curved,
+        graded=graded,
         free=bool(el.free),
-    )  # fmt: skip
+    )
     unread = np.empty((0, 0, 0))
     c = f.c if el.convection else unread
     v_s = f.v_s if drag or not el.free else unread

@@ -89,9 +89,21 @@ class Point(NamedTuple):
 def new_point(A, d):
     """Return the memory of a point."""
     return Point(
-        stack((A, d)), stack((d, d)), stack((d, d)), stack((d,)), stack((d,)), stack((d,)), stack((d,)), stack((d,)),
-        stack((d, d)), stack((d, d)), stack((d, d)), stack((d, d, d)), stack((A, d)), stack((d, d)),
-    )  # fmt: skip
+        stack((A, d)),
+        stack((d, d)),
+        stack((d, d)),
+        stack((d,)),
+        stack((d,)),
+        stack((d,)),
+        stack((d,)),
+        stack((d,)),
+        stack((d, d)),
+        stack((d, d)),
+        stack((d, d)),
+        stack((d, d, d)),
+        stack((A, d)),
+        stack((d, d)),
+    )
 
 
 @inlined
