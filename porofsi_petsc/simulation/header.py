@@ -47,6 +47,7 @@ CLOCK = {
     "nominal": POSITIVE,
     "target?": POSITIVE,
     "substep?": POSITIVE,
+    "halvings?": COUNT,
     "fall_backs?": {"*": COUNT},
 }
 PHASE = {"rates?": [SIZE], "built_with?": COUNT}
