@@ -4,7 +4,7 @@ factorizations, on any ranks.
 
 import numpy as np
 import pytest
-from bench_fluid_solver import Channel, count, solve
+from bench_fluid_solver import OBSTACLE_SOLVER, TO_FIVE_DIGITS, Channel, count, solve
 from running import SCENES, Job, run_here
 
 from porofsi_petsc.linalg import options
@@ -89,3 +89,14 @@ def test_pressure_operators_are_made_only_where_the_solver_has_a_place_for_them(
     case = Channel("T3", 4, courant=1.0, diffusion=1.0)
     assert solve(case).fluid._pressure is not None
     assert solve(case, petsc=lu).fluid._pressure is None
+
+
+def test_a_steady_flow_is_solved_no_further_than_newton_leads():
+    """In half the iterations and as many sweeps, to the same flow."""
+    case = Channel("T10", 3, reynolds=20.0)
+    loose, tight = (solve(case, petsc=f"{tol}{OBSTACLE_SOLVER}") for tol in ("", TO_FIVE_DIGITS))
+    assert loose.iterations <= tight.iterations + 1
+    assert sum(loose.fluid.solver.iterations) < 0.6 * sum(tight.fluid.solver.iterations)
+    # the coupling leaves 1e-6 of the forces
+    difference = np.abs(loose.fluid.v - tight.fluid.v).max()
+    assert difference < 1e-5 * np.abs(tight.fluid.v).max()

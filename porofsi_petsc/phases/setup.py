@@ -240,9 +240,9 @@ class FluidSetup(PhaseSetup):
         domain = self.domain
         mesh = self.domain.mesh
         fields = fluid_fields(mesh.comm, domain.first, len(domain.nodes), mesh.dim, components)
-        defaults = fluid_defaults(
-            mesh.dim, self.direct, self.viscous, self.pspg, self.has_pressure_operators
-        )
+        free = self.has_pressure_operators
+        steady = free and self.convection and not self.inertia
+        defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg, free, steady)
         null = self.constant_pressures(domain, components, mesh.dim)
         return LinearSolver(
             matrix.mat,
