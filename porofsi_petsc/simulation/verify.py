@@ -190,6 +190,7 @@ CASES = {
     "perpendicular_flap": SceneCase("perpendicular_flap"),
     "schaefer_turek_2d1": SceneCase("schaefer_turek_2d1", quick=True),
     "schaefer_turek_2d2": SceneCase("schaefer_turek_2d2"),
+    "schaefer_turek_3d1": SceneCase("schaefer_turek_3d1"),
     "kovasznay": SceneCase("kovasznay", quick=True),
     "taylor_green": SceneCase("taylor_green", quick=True),
     "ethier_steinman": SceneCase("ethier_steinman"),
