@@ -10,10 +10,15 @@ from porofsi_petsc.mesh.mesh import Mesh
 from porofsi_petsc.mesh.topology import add_midside_nodes, boundary_facets, cell_facets
 from porofsi_petsc.mesh.write import write_mesh
 
-LENGTH, HEIGHT, CENTRE, RADIUS = 2.5, 0.41, np.array([0.5, 0.2]), 0.05  # [m]
+LENGTH = 2.5  # [m]
+HEIGHT = 0.41  # [m]
+CENTRE = np.array([0.5, 0.2])  # [m]
+RADIUS = 0.05  # [m]
 BOX = (0.35, 0.7)  # the rings around the cylinder end on this part of the duct, along x [m]
 # Size of the last over the first element: up and down the duct, off its wall.
-UPSTREAM, DOWNSTREAM, OFF_WALL = 2.0, 5.0, 3.0
+UPSTREAM = 2.0
+DOWNSTREAM = 5.0
+OFF_WALL = 3.0
 
 
 def main():
@@ -21,7 +26,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     help_text = "elements over a quarter of the circle, even; all other numbers follow"
     parser.add_argument("--cells", type=int, default=10, help=help_text)
-    help_text = "size of the last over the first ring; less for coarse meshes, whose curved cells fold"
+    help_text = (
+        "size of the last over the first ring; less for coarse meshes, whose curved cells fold"
+    )
     parser.add_argument("--growth", type=float, default=25.0, help=help_text)
     parser.add_argument("--output", type=Path, required=True, help="mesh file (.msh 2.2)")
     options = parser.parse_args()
@@ -57,7 +64,8 @@ def _plane(n, growth):
     The vertices are numbered by their distance from the plane y of the cylinder's axis, and the
     numbers choose the diagonals: those on both sides are mirror images and make no lift.
     """
-    points, quads = [], []
+    points = []
+    quads = []
     for block in _blocks(n, growth):
         number = np.arange(block[..., 0].size).reshape(block.shape[:2]) + sum(map(len, points))
         corners = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
@@ -72,7 +80,7 @@ def _plane(n, growth):
 
 
 def _blocks(n, growth):
-    """Return the lattices of points, (i, j, 2) each: before, behind and on four sides of the cylinder."""
+    """Return lattices of points, (i, j, 2): before, behind and on four sides of the cylinder."""
     along = np.linspace(-1, 1, n + 1)
     x = np.interp(along, [-1, 0, 1], [BOX[0], CENTRE[0], BOX[1]])
     y = np.interp(along, [-1, 0, 1], [0.0, CENTRE[1], HEIGHT])
@@ -90,14 +98,14 @@ def _blocks(n, growth):
 
 
 def _quarter(angles, side, growth):
-    """Return the lattice from an arc of the cylinder to a side of the box, (outwards, around, 2)."""
+    """Return points from an arc of the cylinder to a side of the box, (outwards, around, 2)."""
     arc = CENTRE + RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
     s = _graded(len(angles) - 1, growth)[:, None, None]
     return (1 - s) * arc + s * side
 
 
 def _layered(triangles, levels):
-    """Return the tetrahedra, three to a prism; vertex v of the plane is v * levels + i on level i."""
+    """Return tetrahedra, three to a prism; vertex v of the plane is v * levels + i on level i."""
     a, b, c = (np.sort(triangles, axis=1).T * levels)[..., None] + np.arange(levels - 1)
     prism = [(a, b, c, c + 1), (a, b, b + 1, c + 1), (a, a + 1, b + 1, c + 1)]
     return np.vstack([np.stack(corners, axis=-1).reshape(-1, 4) for corners in prism])

@@ -1,4 +1,4 @@
-"""Refine the mesh of schaefer_turek_3d1; coefficients and pressures: docs/studies/duct_cylinder.csv.
+"""Refine the mesh of schaefer_turek_3d1; coefficients and Δp: docs/studies/duct_cylinder.csv.
 
 python scripts/study_duct_cylinder.py CELLS...     a row for each, instead of an older one
 """

@@ -1,4 +1,4 @@
-"""The meshes of the duct with a cylinder: names, volume, symmetry, and that the script writes them."""
+"""Meshes of the duct with a cylinder: names, volume, symmetry, and that the script writes them."""
 
 import sys
 from pathlib import Path
@@ -29,12 +29,16 @@ def test_the_script_writes_the_shipped_meshes(shipped, tmp_path, monkeypatch):
     make_duct_cylinder.main()
     again, kept = (read_mesh(file, 3) for file in (new, path))
     assert np.array_equal(again.cells, kept.cells)
-    assert np.abs(again.points - kept.points).max() < 1e-14  # libraries round cos and sin differently
+    assert (
+        np.abs(again.points - kept.points).max() < 1e-14
+    )  # libraries round cos and sin differently
 
 
 def test_an_odd_number_of_cells_is_refused(tmp_path, monkeypatch, capsys):
     """The plane of the axis would cut elements, and the mesh would have a lift of its own."""
-    monkeypatch.setattr(sys, "argv", ["make", "--cells", "5", "--output", str(tmp_path / "odd.msh")])
+    monkeypatch.setattr(
+        sys, "argv", ["make", "--cells", "5", "--output", str(tmp_path / "odd.msh")]
+    )
     with pytest.raises(SystemExit) as end:
         make_duct_cylinder.main()
     assert end.value.code == 2 and "even" in capsys.readouterr().err
