@@ -12,6 +12,7 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.errors import LimitError
 from porofsi_petsc.materials import ELASTIC
 from porofsi_petsc.simulation.build import local_mesh
+from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.measures import Measures
 from porofsi_petsc.simulation.setups import materials_of
 from porofsi_petsc.simulation.simulation import Simulation
@@ -180,10 +181,11 @@ def test_only_what_is_left_out_is_measured():
 
 def test_a_bound_is_passed_above_it_and_not_at_it():
     body = Body(*BASE, "limits.strain=0.25")
-    body.measures.watch_neglected({"strain": 0.25})
+    clock = Clock(body.scene.time)
+    body.measures.watch_neglected({"strain": 0.25}, 0.1, clock)
     body.measures.require_limits(1.0)
-    body.measures.watch_neglected({"strain": 0.2501})
-    body.measures.watch_neglected({"strain": 0.1})  # the largest of the run counts
+    body.measures.watch_neglected({"strain": 0.2501}, 0.1, clock)
+    body.measures.watch_neglected({"strain": 0.1}, 0.1, clock)  # the largest of the run counts
     with pytest.raises(LimitError, match="strain.*0.25"):
         body.measures.require_limits(1.0)
     assert body.measures.neglected()["strain"]["value"] == 0.2501

@@ -70,7 +70,7 @@ class Limits(Table):
 
     strain: max |E| of a small-strain law; mesh_displacement: max |∇u|, strain and rotation, when
     the mesh is fixed (beside a free fluid also |u| over its width); reynolds: element Reynolds
-    number without convection; inertia: inertial over largest force without inertia;
+    number without convection; inertia: lasting inertial over largest force;
     porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force
     without the Brinkman term; locking: Poisson ratio of a solid without pores on linear elements.
     """

@@ -63,7 +63,14 @@ COUPLING = {
     ],
 }
 ERROR = {"at": NUMBER, "t": NUMBER, "u?": FLOAT, "v?": FLOAT, "p": FLOAT, "profile": {"*": [FLOAT]}}
-MEASURES = {"sizes": {"*": EXTENT}, "roughness": SIZE, "largest_pressure": SIZE, "errors": [ERROR]}
+LASTING = {"last": EXTENT, "counted": COUNT, "trail": [[EXTENT]]}
+MEASURES = {
+    "sizes": {"*": EXTENT},
+    "lasting?": {"*": LASTING},
+    "roughness": SIZE,
+    "largest_pressure": SIZE,
+    "errors": [ERROR],
+}
 CONTROL = {
     "times": {"u": [SIZE], "p": [SIZE]},
     "largest": {"u": SIZE, "p": SIZE},

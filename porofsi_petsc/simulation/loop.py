@@ -322,7 +322,7 @@ class TimeLoop:
         self._require_options_used()
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
-        self._measures.watch_neglected(sizes)
+        self._measures.watch_neglected(sizes, dt, clock)
         self._measures.compare(clock, coupling.solid, coupling.fluid)
 
     def _require_options_used(self):

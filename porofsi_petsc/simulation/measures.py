@@ -17,6 +17,7 @@ from ..materials.elastic import deformation, green_strain
 from ..tensors import det_minus_one, transpose
 from .auto import at_start
 from .flow_reference import FlowComparison
+from .lasting import Lasting
 from .reference import Comparison
 from .setups import materials_of
 
@@ -49,7 +50,7 @@ class Omission:
     """One term left out: what the number is, its bound (None: only reported) and its key in
     [limits], the term, how to have it.
 
-    term : key in [model], "" where the material decides
+    term : key in [model], "" where the material decides; lasts : the number is that of `Lasting`, not of single steps
     """
 
     name: str
@@ -58,6 +59,7 @@ class Omission:
     term: str
     remedy: str
     meaning: str
+    lasts: bool = False
 
 
 class TrialStep:
@@ -96,6 +98,9 @@ class Measures:
         self._in_fluid = NodalAverage(self._fluid)
         self.omissions = list(_omissions(self._scene, materials))
         self.sizes = {omission.name: 0.0 for omission in self.omissions}
+        self._lasting = {
+            omission.name: Lasting(scene.time.end) for omission in self.omissions if omission.lasts
+        }
         self.roughness = self.largest_pressure = 0.0
         self._interior = self._interior_nodes()
         self.comparison = self._comparison(scene) if scene.reference else None
@@ -189,6 +194,11 @@ class Measures:
         self.sizes = {
             omission.name: self.sizes.get(omission.name, 0.0) for omission in self.omissions
         }
+        self._lasting = {
+            omission.name: self._lasting[omission.name]
+            for omission in self.omissions
+            if omission.lasts
+        }
 
     def neglected_sizes(self, medium, dt):
         """Return name -> size of every neglected term in the trial step of a medium
@@ -210,10 +220,11 @@ class Measures:
         }
         return {omission.name: sizes[omission.name]() for omission in self.omissions}
 
-    def watch_neglected(self, sizes):
-        """Record the sizes of an accepted step."""
+    def watch_neglected(self, sizes, dt, clock):
+        """Record the sizes of an accepted step of size dt that ends at the present time of the `Clock`."""
         for name, size in sizes.items():
-            self.sizes[name] = max(self.sizes[name], size)
+            found = self._lasting[name].add(size, dt, clock) if name in self._lasting else size
+            self.sizes[name] = max(self.sizes[name], found)
 
     def require_limits(self, t):
         """Raise LimitError when a neglected term has passed its bound."""
@@ -242,6 +253,7 @@ class Measures:
         errors = self.comparison.records if self.comparison else []
         return {
             "sizes": self.sizes,
+            "lasting": {name: lasting.state() for name, lasting in self._lasting.items()},
             "roughness": self.roughness,
             "largest_pressure": self.largest_pressure,
             "errors": errors,
@@ -254,6 +266,8 @@ class Measures:
         self.sizes.update(
             {name: size for name, size in state["sizes"].items() if name in self.sizes}
         )
+        for name in self._lasting.keys() & state.get("lasting", {}).keys():
+            self._lasting[name].load(state["lasting"][name])
         self.roughness = state["roughness"]
         self.largest_pressure = state["largest_pressure"]
         if self.comparison:
@@ -377,10 +391,12 @@ def _omissions(scene, materials):
     """Yield what a scene without "auto" terms leaves out."""
     model = scene.model
 
-    def left_out(name, term, remedy, meaning):
+    def left_out(name, term, remedy, meaning, lasts=False):
         limit = LIMIT_OF.get(term, name)
         bound = getattr(scene.limits, limit)
-        return Omission(name, limit, None if bound == "report" else bound, term, remedy, meaning)
+        return Omission(
+            name, limit, None if bound == "report" else bound, term, remedy, meaning, lasts
+        )
 
     if any(material.elastic and material.elastic.small_strain for material in materials.values()):
         meaning = "largest norm of the Green strain under a small-strain law"
@@ -396,10 +412,8 @@ def _omissions(scene, materials):
     for phase, present in (("solid", solids), ("fluid", fluids)):
         term = f"{phase}_inertia"
         if not getattr(model, term) and present and scene.time.scheme != "steady":
-            meaning = (
-                f"inertia of the {phase} that is left out over the largest force on it in a step"
-            )
-            yield left_out(term, term, f"set model.{term} = true", meaning)
+            meaning = f"inertia of the {phase} that is left out over the largest force on it, where it lasts"
+            yield left_out(term, term, f"set model.{term} = true", meaning, lasts=True)
     if scene.is_porous:
         yield from _porous_omissions(scene, left_out)
 
