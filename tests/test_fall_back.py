@@ -29,7 +29,7 @@ def fall_backs(directory, scene, *overrides):
 def test_another_accelerator_saves_a_step_said_once_and_counted(tmp_path):
     found = fall_backs(tmp_path / "run", "column_harmonic", *CAPPED)
     assert (
-        found["fall_backs"] == {"accelerator": 5, "tangents": 0}
+        found["fall_backs"] == {"accelerator": 5, "tangents": 0, "gmres": 0}
         and found["step_cuts"] == 0
         and found["steps"] == 5
     )
@@ -54,7 +54,11 @@ def test_a_restart_after_a_fall_back_goes_on_alike(tmp_path):
     ends = [state(tmp_path / name / "checkpoint.h5") for name in ("whole", "second")]
     assert ends[0].keys() == ends[1].keys()
     assert all(np.array_equal(ends[0][name], ends[1][name]) for name in ends[0])
-    assert summary(tmp_path / "second")["fall_backs"] == {"accelerator": 5, "tangents": 0}
+    assert summary(tmp_path / "second")["fall_backs"] == {
+        "accelerator": 5,
+        "tangents": 0,
+        "gmres": 0,
+    }
 
 
 def test_new_tangents_save_a_step_that_no_accelerator_does(tmp_path, monkeypatch):
@@ -75,7 +79,10 @@ def test_new_tangents_save_a_step_that_no_accelerator_does(tmp_path, monkeypatch
     run_here(Job("xie_leo", str(tmp_path / "newton"), (*scene, "coupling.tangent=newton")))
     monkeypatch.setattr(PorousCoupling, "step", failing)
     found = fall_backs(tmp_path / "run", "xie_leo", *scene)
-    assert found["fall_backs"] == {"accelerator": 0, "tangents": 1} and found["step_cuts"] == 0
+    assert (
+        found["fall_backs"] == {"accelerator": 0, "tangents": 1, "gmres": 0}
+        and found["step_cuts"] == 0
+    )
     ends = [state(tmp_path / name / "checkpoint.h5")["solid.u"] for name in ("run", "newton")]
     assert (
         np.abs(ends[0] - ends[1]).max() < 1e-6 * np.abs(ends[1]).max()

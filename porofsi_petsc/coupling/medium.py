@@ -77,6 +77,7 @@ class Medium:
             solid_residual = self.solid.residual(self.flow(fluid_residuals))
             if self.convergence.reached(*self._sizes(fluid_residuals, solid_residual, rates)):
                 self.solid.require_upright()
+                self.solid.require_stable()
                 self.iterations = iteration
                 self.residuals = (solid_residual, fluid_residuals)
                 return

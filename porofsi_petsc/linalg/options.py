@@ -82,6 +82,11 @@ def set_defaults(prefix: str, defaults: Mapping[str, object]) -> None:
             database.setValue(full, None if value is None else str(value))
 
 
+def is_default(full: str) -> bool:
+    """Return whether the value of an option, by its full name, is a default of the package."""
+    return full in _defaults
+
+
 def are_factored(*prefixes: str) -> bool:
     """Return whether no option of the user makes one of these solvers, direct by default, an
     iterative one.

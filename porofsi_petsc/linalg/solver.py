@@ -10,17 +10,23 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import ConvergenceError, InputError
+from ..log import logger
 from .nullspace import NullSpace, NullVector
-from .options import has_package, reason_of, set_defaults
+from .options import has_package, is_default, reason_of, set_defaults
 from .stopwatch import stage
 
 REUSE_FACTOR = 1.5
 REUSE_OFFSET = 2
+RESTART = 100  # of GMRES; with PETSc's 30 it stalls on matrices that are nearly singular as well
 _REASONS = {
     number: name
     for name, number in vars(PETSc.KSP.ConvergedReason).items()
     if not name.startswith("_")
 }
+_INDEFINITE = (
+    PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
+    PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
+)
 _MISSING = (86, 92)  # PETSC_ERR_UNKNOWN_TYPE, PETSC_ERR_MISSING_FACTOR
 _NOT_CONVERGED = 91  # PETSC_ERR_NOT_CONVERGED, instead of a reason with -ksp_error_if_not_converged
 _FILES = (65, 66, 67)  # PETSC_ERR_FILE_OPEN, _READ, _WRITE
@@ -73,7 +79,12 @@ class LinearSolver:
     Subdomain solvers of block Jacobi can be ahead of the rule: PETSc lets them see the diagonal
     block itself.
 
-    solves, iterations (of every solve), factorizations (set-ups of the preconditioner), setup_time,
+    Indefinite matrices.  Newton's iteration meets them far from the solution.  CG breaks down on
+    them, where it is the default; such a solve is done again by GMRES, with the same
+    preconditioner.  The next one begins with CG, so that a restart needs to know of none.
+
+    solves, indefinite (solves that GMRES did), broke_down (whether the last one is one of them),
+    iterations (of every solve), factorizations (set-ups of the preconditioner), setup_time,
     solve_time [s].
     """
 
@@ -90,8 +101,9 @@ class LinearSolver:
         self.matrix = matrix
         self.prefix = prefix
         self.iterations: list[int] = []
-        self.factorizations = 0
+        self.factorizations = self.indefinite = 0
         self.setup_time = self.solve_time = 0.0
+        self.broke_down = False
         self._build_iterations: int | None = None
         self._changed = self._rebuild = True
         set_defaults(prefix, defaults)
@@ -191,6 +203,10 @@ class LinearSolver:
             fresh = self._set_up()
             more, reason = self._run()
             iterations += more
+        self.broke_down = reason in _INDEFINITE and is_default(self.prefix + "ksp_type")
+        if self.broke_down:
+            more, reason = self._run_indefinite()
+            iterations += more
         if reason <= 0:
             self._raise(reason)
         self.iterations.append(iterations)
@@ -269,6 +285,20 @@ class LinearSolver:
             reason = int(PETSc.KSP.ConvergedReason.DIVERGED_NANORINF)
         self.solve_time += time.perf_counter() - start
         return self.ksp.getIterationNumber(), reason
+
+    def _run_indefinite(self):
+        """Return the same of GMRES, which takes an indefinite matrix, and a right-hand side that CG has left as it was."""
+        chosen = self.ksp.getType()
+        self.ksp.setType(PETSc.KSP.Type.GMRES)
+        self.ksp.setGMRESRestart(RESTART)
+        iterations, reason = self._run()
+        if reason > 0:
+            self.ksp.setType(chosen)
+            if not self.indefinite:
+                text = "%s: CG broke down on an indefinite matrix, solved with GMRES (said once, counted in summary.json)"
+                logger.info(text, self.prefix.rstrip("_"))
+            self.indefinite += 1
+        return iterations, reason
 
     def _raise(self, reason):
         error = self._failure(reason)

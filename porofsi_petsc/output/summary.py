@@ -38,6 +38,9 @@ SUMMARY_KEYS = {
     "fall_backs.tangents": (
         "number of steps whose coupling converged with new tangents in every sweep only"
     ),
+    "fall_backs.gmres": (
+        "number of linear solves on whose indefinite matrix CG broke down, and which GMRES did"
+    ),
     "load_parts": (
         "number of parts of the load over which steady steps were continued that did not converge"
         " at once"

@@ -346,6 +346,22 @@ class SolidPhase:
                 upright[chunk, 0] = (det_minus_one(H) > -1).all(axis=1)
         domain.require(upright, self._inverted)
 
+    def require_stable(self):
+        """Raise ConvergenceError where CG has found the last tangent of a solid at rest indefinite.
+
+        In a porous solid and with inertia other terms than this tangent's decide.
+        """
+        if (
+            self.solver
+            and self.solver.broke_down
+            and not (self._setup.inertia or self._setup.porous)
+        ):
+            raise ConvergenceError(
+                "the equilibrium of the solid is unstable, its tangent is indefinite:"
+                " it buckles before the load is reached",
+                "support it, load it less, or follow its motion with model.solid_inertia = true",
+            )
+
     # -- tangent -----------------------------------------------------------------------------------
 
     def prepare_tangent(self, rates, iterations):

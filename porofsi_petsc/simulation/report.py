@@ -39,7 +39,8 @@ def summarize(simulation, judgement, files, exit_code):
         "unknowns": unknowns(coupling.solid, coupling.fluid),
         "steps": loop.clock.step,
         "step_cuts": loop.clock.cuts,
-        "fall_backs": loop.clock.fall_backs,
+        "fall_backs": loop.clock.fall_backs
+        | {"gmres": sum(solver.indefinite for solver in coupling.solvers)},
         "load_parts": loop.clock.load_parts,
         "steps_rejected": loop.control.rejections if loop.control else 0,
         "time_end": loop.clock.t,
