@@ -80,6 +80,23 @@ def test_values_that_agree_to_round_off_are_one():
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("times", [[0.5], [1.0, 0.5]])
+def test_equal_formulas_agree_where_both_pass_zero(times):
+    """At t = 1 they are 1e-16 and -6e-17: of the values of that time all, of those looked at before nothing."""
+    mesh, field = square(), np.zeros((square().n_local, 1))
+    given = [entry("left", "sin(pi*t)"), entry("bottom", "cos(pi*t - pi/2)")]
+    Dirichlet(mesh, 1, given, times=times).apply(field, 1.0)
+    assert np.abs(field).max() < 1e-15
+    with pytest.raises(InputError, match="at t = "):
+        Dirichlet(
+            mesh,
+            1,
+            [entry("left", "sin(pi*t)"), entry("bottom", "sin(pi*t) + 1e-6*t")],
+            times=times,
+        )
+
+
+@pytest.mark.mpi
 def test_values_that_part_later_are_refused_when_they_do():
     """On all ranks, so that the run ends in one sentence."""
     mesh = square()

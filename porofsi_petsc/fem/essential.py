@@ -9,8 +9,9 @@ import numpy as np
 
 from ..errors import InputError
 
-# Of two values on one node, over the largest that their conditions prescribe: above round-off of
-# formulas and tables, far below any error of discretization.
+# Of two values on one node, over the largest that their conditions have prescribed at this time or
+# one before: above round-off of formulas and tables, far below any error of discretization.  The
+# values of one time say nothing where both pass zero, as sin(pi*t) and cos(pi*t - pi/2) at t = 1.
 SAME = 1e-9
 
 
@@ -67,9 +68,19 @@ class Dirichlet:
             self.mask[condition.nodes, condition.given.component] = 1
         mesh.halo.update(self.mask)
         self.mask = self.mask.astype(bool)
-        self._shared = _shared(mesh.comm, self.conditions)
-        for t in times if self._shared else ():
-            self._require_one_value(t, [condition.values(mesh, t) for condition in self.conditions])
+        self._shared, self._largest = (
+            _shared(mesh.comm, self.conditions),
+            np.zeros(len(self.conditions)),
+        )
+        looked_at = [
+            (t, [condition.values(mesh, t) for condition in self.conditions])
+            for t in times
+            if self._shared
+        ]
+        for _, values in looked_at:
+            self._note_largest(values)
+        for t, values in looked_at:
+            self._require_one_value(t, values)
 
     def apply(self, field, t):
         """Overwrite the prescribed entries of a field (n_local, k) by their values at time t,
@@ -92,9 +103,8 @@ class Dirichlet:
         """Raise InputError at the first node, in the order of the mesh file, on which two values
         differ (collective).
         """
-        largest = [float(np.abs(found).max(initial=0.0)) for found in values]
-        largest = np.max(self._mesh.comm.allgather(largest), axis=0)
-        found = []
+        self._note_largest(values)
+        largest, found = self._largest, []
         for first, second, in_first, in_second in self._shared:
             a = values[first][in_first]
             b = values[second][in_second]
@@ -107,6 +117,11 @@ class Dirichlet:
         worst = first_node(self._mesh, found)
         if worst is not None:
             raise InputError(self._conflict(t, *worst))
+
+    def _note_largest(self, values):
+        """Keep the largest absolute value of each condition (collective)."""
+        mine = [float(np.abs(found).max(initial=0.0)) for found in values]
+        self._largest = np.max([self._largest, *self._mesh.comm.allgather(mine)], axis=0)
 
     def _conflict(self, t, place, first, second, a, b):
         """Return the sentence about two values at a place."""
