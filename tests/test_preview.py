@@ -78,6 +78,22 @@ def test_waves_and_flow():
     assert "largest load: 640 Pa (dynamic pressure of the flow)" in text
 
 
+def test_only_what_has_a_meaning_is_told():
+    """No time in a steady step, no fluid to stabilize in a solid; a porous flag drains into the flow around it."""
+    steady = said(SHIPPED["schaefer_turek_2d1"])
+    assert (
+        "Courant" not in steady
+        and "Reynolds number 123" in steady
+        and "pspg" in steady
+        and "undrained" not in steady
+    )
+    assert not re.search("Courant|pspg|supg|lsic|undrained", said(SHIPPED["cook_membrane"]))
+    flag = said(SHIPPED["porous_flag"])
+    assert "no boundary is drained" not in flag and "undrained" in flag
+    # half the thickness of the beam, 0.01 m, and a little more where no node lies opposite
+    assert re.search(r"all of it \(0\.010\d+ m from a drained boundary\) takes", flag)
+
+
 def test_a_modulus_in_another_unit_is_told():
     sentence = r"exceeds Young's modulus of 'body', 100 Pa, 1e\+03 times: compare their units"
     assert re.search(sentence, said(COLUMN, "material.0.solid.young=100"))

@@ -89,7 +89,7 @@ def _diffusion(scene, coupling):
     boundaries and beside them.
     """
     domain = coupling.solid.domain
-    drained = _drained(scene, coupling.solid.mesh)
+    drained = _drained(scene, domain)
     where = cKDTree(np.vstack(domain.mesh.comm.allgather(domain.mesh.X[drained])))
     for region, material in _present(scene, domain):
         if 0 < material.n_s0 < 1:
@@ -123,9 +123,17 @@ def _drainage(domain, region, drained, where, c_v, layer):
     return text
 
 
-def _drained(scene, mesh):
-    """Return the nodes with a prescribed pressure, (n_local,) bool."""
-    return nodes_of(mesh, [tag for b in scene.boundary if b.pressure is not None for tag in b.on])
+def _drained(scene, domain):
+    """Return the nodes with a prescribed pressure and those at which a free fluid takes what flows out, (n_local,) bool."""
+    mesh = domain.mesh
+    materials = materials_of(at_start(scene), mesh)
+    free = [i for i, region in enumerate(mesh.regions) if materials[region].is_free_fluid]
+    beside = np.zeros(mesh.n_local, dtype=np.uint8)
+    beside[mesh.cells[np.isin(mesh.cell_region, free)]] = 1
+    mesh.halo.update(beside)
+    tags = [tag for b in scene.boundary if b.pressure is not None for tag in b.on]
+    tags += [tag for pair in scene.interface for tag in pair.solid]
+    return nodes_of(mesh, tags) | (beside.astype(bool) & domain.holds)
 
 
 def _largest_of(domain, values):
@@ -160,10 +168,9 @@ def _flow(scene, coupling):
         return
     smallest = _element_sizes(domain, domain.regions)[0]
     side = min(_sides(domain, domain.regions))
-    line = (
-        f"flow: prescribed velocity up to {speed:.3g} m/s, Courant number"
-        f" {speed * scene.time.step / smallest:.3g}"
-    )
+    line = f"flow: prescribed velocity up to {speed:.3g} m/s"
+    if scene.time.scheme != "steady":  # whose steps are no times
+        line += f", Courant number {speed * scene.time.step / smallest:.3g}"
     free = [
         m
         for m in materials_of(at_start(scene), domain.mesh).values()
