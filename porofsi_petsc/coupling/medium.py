@@ -7,6 +7,7 @@ import itertools
 
 import numpy as np
 
+from ..errors import ConvergenceError
 from ..phases.residual import euclidean_norms
 from .convergence import Convergence
 
@@ -38,6 +39,8 @@ class Medium:
         self.convergence = Convergence(tolerance)
         self.iterations = 0
         self.residuals = None
+        self.failed = 0
+        self._swept = 0
 
     @property
     def advice(self):
@@ -62,6 +65,7 @@ class Medium:
     def step(self, schemes, rates, t, step):
         """Solve one step from time t (nothing is accepted); raise ConvergenceError at the cap.
 
+        The iterations of a step that fails are added to `failed`.
         schemes : (solid, fluid) time schemes; rates : `phases.transfer.Rates`.
         """
         solid_scheme, fluid_scheme = schemes
@@ -71,6 +75,14 @@ class Medium:
         self.convergence.start_step()
         self.convergence.flow_force_per_rate = self.fluid.force_per_rate(rates)
         self._begin(t, rates, accepted)
+        try:
+            self._converge(rates, t, step)
+        except ConvergenceError:
+            self.failed += self._swept
+            raise
+
+    def _converge(self, rates, t, step):
+        self._swept = 0
         for iteration in range(self._cap + 1):
             self.fluid.follow(self.carrier())
             fluid_residuals = self.fluid.residual(self.carrier())
@@ -82,6 +94,7 @@ class Medium:
                 self.residuals = (solid_residual, fluid_residuals)
                 return
             if iteration < self._cap:
+                self._swept += 1
                 self._iterate(iteration, solid_residual, fluid_residuals, rates)
         self.reset()
         raise self.convergence.failure(t, step, self.advice)
@@ -199,6 +212,7 @@ class Medium:
             "solid": self.solid.memory(),
             "fluid": self.fluid.memory(),
             "iterations": self.iterations,
+            "failed": self.failed,
             "largest": self.convergence.largest,
         }
 
@@ -212,3 +226,5 @@ class Medium:
         self.fluid.load_state(parts["fluid"], memory["fluid"], schemes[1], rates, self.skeleton_at)
         self.iterations = memory["iterations"]
         self.convergence.largest = memory["largest"]
+        # going back after a failure forgets none
+        self.failed = max(self.failed, memory.get("failed", 0))

@@ -55,6 +55,7 @@ COUPLING = {
     "solid": PHASE | {"force_age?": SIZE},
     "fluid": PHASE | {"pressure_age?": SIZE},
     "iterations": COUNT,
+    "failed?": COUNT,
     "largest": {"*": SIZE},
     "columns?": [COUNT],
     "mesh?": {"smallest_ratio": NUMBER, "worst_shape": NUMBER, "trail?": [[NUMBER]]},

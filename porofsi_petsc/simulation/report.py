@@ -45,11 +45,7 @@ def summarize(simulation, judgement, files, exit_code):
         "steps_rejected": loop.control.rejections if loop.control else 0,
         "time_end": loop.clock.t,
         "wall_time": _wall_time(comm, simulation.stopwatch, coupling.solvers),
-        "coupling_iterations": {
-            "mean": iterations.mean(),
-            "max": iterations.max(),
-            "total": iterations.sum(),
-        },
+        "coupling_iterations": _coupling_iterations(iterations, coupling.failed),
         "linear_iterations": {name: _linear_iterations(blocks.get(name)) for name in BLOCKS},
         "assemblies": {name: blocks[name].assemblies if name in blocks else 0 for name in BLOCKS},
         "factorizations": {name: _factorizations(blocks.get(name)) for name in BLOCKS},
@@ -91,6 +87,15 @@ def _wall_time(comm, stopwatch, solvers):
     return {name: max(one[name] for one in everyone) for name in seconds}
 
 
+def _coupling_iterations(accepted, failed):
+    return {
+        "mean": accepted.mean(),
+        "max": accepted.max(),
+        "total": accepted.sum(),
+        "failed": failed,
+    }
+
+
 def _linear_iterations(block):
     if block is None or block.solver is None:
         return {"mean": 0.0, "max": 0}
@@ -123,6 +128,6 @@ def modelled(scene, model):
     ]
     terms += [f"{model.porosity} porosity"] if scene.is_porous else []
     terms += sorted({entry.solid.law for entry in scene.material if entry.solid})
-    return terms + [
-        name for name in ("pspg", "supg", "lsic", "undrained") if getattr(scene.stabilization, name)
-    ]
+    stabilized = ("pspg", "supg", "lsic") if scene.phases[1] else ()
+    stabilized += ("undrained",) if any(entry.kind == "porous" for entry in scene.material) else ()
+    return terms + [name for name in stabilized if getattr(scene.stabilization, name)]
