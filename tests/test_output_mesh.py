@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from mpi4py import MPI
+from running import SCENES, Job, run_here
 
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.distribute import distribute
@@ -443,3 +444,17 @@ def test_a_solid_domain_is_drawn_behind_the_cut_or_whole_where_nothing_would_be_
     assert mesh.points[whole.nodes, 1].min() == 0.0 and len(half.triangles) < len(
         whole.triangles
     ) == len(beyond.triangles)
+
+
+@pytest.mark.parametrize(
+    "scene, expected",
+    [
+        ("bar", {"displacement", "solid velocity", "stress"}),
+        ("free_fluid", {"pressure", "fluid velocity"}),
+    ],
+)
+def test_a_run_writes_the_fields_of_its_phases_only(tmp_path, petsc, scene, expected):
+    """A field of zeros would say that there is none of it: a fluid has a stress, which is not written."""
+    run_here(Job(str(SCENES / f"{scene}.toml"), str(tmp_path / "run"), ("output.fields_every=1",)))
+    snapshots = read_snapshots(tmp_path / "run")
+    assert len(snapshots) > 1 and all(snapshot.shapes.keys() == expected for snapshot in snapshots)

@@ -24,14 +24,18 @@ class Fields(Mapping):
 
     k is 1 for a scalar, the dimension for a vector and 6 (xx, xy, xz, yy, yz, zz) for the effective
     stress of the solid; beside a solid without pores displacement and solid velocity are those of
-    the mesh in the fluid.
+    the mesh in the fluid.  What a scene has no phase for is no field of it.
     """
 
     def __init__(self, scene: Scene, coupling: Medium, measures: Measures):
         """Take what has the accepted state."""
         self._coupling = coupling
         self._measures = measures
-        self._names = [name for name in UNITS if scene.is_porous or name != "porosity"]
+        solids, fluids = scene.phases
+        absent = set() if solids else {"displacement", "solid velocity", "stress"}
+        absent |= set() if fluids else {"pressure", "fluid velocity"}
+        absent |= set() if scene.is_porous else {"porosity"}
+        self._names = [name for name in UNITS if name not in absent]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
