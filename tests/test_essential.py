@@ -82,7 +82,9 @@ def test_values_that_agree_to_round_off_are_one():
 @pytest.mark.mpi
 @pytest.mark.parametrize("times", [[0.5], [1.0, 0.5]])
 def test_equal_formulas_agree_where_both_pass_zero(times):
-    """At t = 1 they are 1e-16 and -6e-17: of the values of that time all, of those looked at before nothing."""
+    """At t = 1 they are 1e-16 and -6e-17: of the values of that time all, of those looked at
+    before nothing.
+    """
     mesh, field = square(), np.zeros((square().n_local, 1))
     given = [entry("left", "sin(pi*t)"), entry("bottom", "cos(pi*t - pi/2)")]
     Dirichlet(mesh, 1, given, times=times).apply(field, 1.0)

@@ -1,4 +1,6 @@
-"""Solids in 3-D whose tangents are indefinite: CG breaks down, GMRES goes on, and what buckles is no equilibrium."""
+"""Solids in 3-D whose tangents are indefinite: CG breaks down, GMRES goes on, and what buckles is
+no equilibrium.
+"""
 
 import pytest
 from running import (
@@ -32,7 +34,9 @@ def test_gmres_goes_on_where_cg_breaks_down(tmp_path):
 
 
 def test_a_solid_that_buckles_is_no_equilibrium(tmp_path):
-    """Quadratic, ν = 0.49: more than half as much again as Euler's load of a column of this height, π² E I/(4 h²) = 2.1e5 N."""
+    """Quadratic, ν = 0.49: more than half as much again as Euler's load of a column of this
+    height, π² E I/(4 h²) = 2.1e5 N.
+    """
     with pytest.raises(
         ConvergenceError,
         match="the equilibrium of the solid is unstable, its tangent is indefinite",

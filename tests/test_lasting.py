@@ -15,7 +15,9 @@ JUMPS = {"terzaghi": (2e-3, ()), "mandel": (1e-3, ()), "strip_footing": (0.01, C
 
 
 def over_the_run(sizes, dt=1.0, end=None):
-    """Return what `Lasting` returns after every step of size dt, and how long its trail was at most."""
+    """Return what `Lasting` returns after every step of size dt, and how long its trail was at
+    most.
+    """
     end = end or len(sizes) * dt
     lasting, clock, found, length = Lasting(end), SimpleNamespace(t=0.0, step=0), [], 0
     for size in sizes:
@@ -31,7 +33,9 @@ def over_the_run(sizes, dt=1.0, end=None):
 
 @pytest.mark.parametrize("end, window", [(90.0, 5), (2000.0, 20)])
 def test_it_is_the_least_of_the_last_steps(end, window):
-    """Five of them, or twenty where these are one hundredth of the run; none falls by more than a fifth."""
+    """Five of them, or twenty where these are one hundredth of the run; none falls by more than a
+    fifth.
+    """
     sizes = (1 + 0.2 * np.random.default_rng(1).uniform(size=90)).tolist()
     found, _ = over_the_run(sizes, end=end)
     assert found == [min(sizes[n - window : n]) if n >= window else 0.0 for n in range(1, 91)]
@@ -61,7 +65,9 @@ def test_the_trail_keeps_only_what_may_still_count(sizes):
 def test_a_sudden_load_is_answered_without_inertia_and_without_a_limit(
     tmp_path, scene, factor, rho_inf
 ):
-    """The steps shipped and ten times shorter ones: at the jump the measure is up to 2e4, afterwards it falls below 0.1."""
+    """The steps shipped and ten times shorter ones: at the jump the measure is up to 2e4,
+    afterwards it falls below 0.1.
+    """
     step, coarse = JUMPS[scene]
     short = (
         f"time.step={step / factor}",
@@ -75,7 +81,9 @@ def test_a_sudden_load_is_answered_without_inertia_and_without_a_limit(
 
 
 def test_a_load_that_is_too_fast_throughout_is_told_within_the_run(tmp_path):
-    """Waves over the seabed in the exact solution without inertia, which the scene asks for by its "report"."""
+    """Waves over the seabed in the exact solution without inertia, which the scene asks for by its
+    "report".
+    """
     with pytest.raises(
         LimitError,
         match=r"inertia: at t = \d+(\.\d+)? s the term left out reached 0\.\d+ > 0.1 .*where it lasts",

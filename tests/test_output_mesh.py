@@ -454,7 +454,9 @@ def test_a_solid_domain_is_drawn_behind_the_cut_or_whole_where_nothing_would_be_
     ],
 )
 def test_a_run_writes_the_fields_of_its_phases_only(tmp_path, petsc, scene, expected):
-    """A field of zeros would say that there is none of it: a fluid has a stress, which is not written."""
+    """A field of zeros would say that there is none of it: a fluid has a stress, which is not
+    written.
+    """
     run_here(Job(str(SCENES / f"{scene}.toml"), str(tmp_path / "run"), ("output.fields_every=1",)))
     snapshots = read_snapshots(tmp_path / "run")
     assert len(snapshots) > 1 and all(snapshot.shapes.keys() == expected for snapshot in snapshots)

@@ -79,7 +79,9 @@ def test_waves_and_flow():
 
 
 def test_only_what_has_a_meaning_is_told():
-    """No time in a steady step, no fluid to stabilize in a solid; a porous flag drains into the flow around it."""
+    """No time in a steady step, no fluid to stabilize in a solid; a porous flag drains into the
+    flow around it.
+    """
     steady = said(SHIPPED["schaefer_turek_2d1"])
     assert (
         "Courant" not in steady

@@ -287,7 +287,9 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), reason
 
     def _run_indefinite(self):
-        """Return the same of GMRES, which takes an indefinite matrix, and a right-hand side that CG has left as it was."""
+        """Return the same of GMRES, which takes an indefinite matrix, and a right-hand side that
+        CG has left as it was.
+        """
         chosen = self.ksp.getType()
         self.ksp.setType(PETSc.KSP.Type.GMRES)
         self.ksp.setGMRESRestart(RESTART)

@@ -1,18 +1,25 @@
-"""How large a size is that lasts, where single steps say little: those after a jump of the load, or the first one from rest."""
+"""How large a size is that lasts, where single steps say little: those after a jump of the load,
+or the first one from rest.
+"""
 
-# A jump of the load, or of its rate, makes velocities jump, the faster, the shorter the step, and the scheme forgets it by
-# about rho_inf per step: Mandel's slab in steps of 1e-4 s, rho_inf = 0.5, has 5e3 at the jump, 0.77 to 0.55 of that in each
+# A jump of the load, or of its rate, makes velocities jump, the faster, the shorter the step, and
+# the scheme forgets it by
+# about rho_inf per step: Mandel's slab in steps of 1e-4 s, rho_inf = 0.5, has 5e3 at the jump,
+# 0.77 to 0.55 of that in each
 # step after it, and 0.1 after 22.  Steps in which the size falls like that are passed over.
 FADING = 0.8
 STEPS = 5  # of the others; Terzaghi's column in steps of 1e-4 s has four before it fades
 FEWEST = 3  # in a run that is shorter and in which nothing fades
-# Of the run.  What follows a jump decays like the inverse of the time since it, too, if steps are short enough to show it:
-# Terzaghi's column in steps of 1e-5 s is below 0.1 after 1e-3 s, of a consolidation that takes 50 s.
+# Of the run.  What follows a jump decays like the inverse of the time since it, too, if steps are
+# short enough to show it:
+# Terzaghi's column in steps of 1e-5 s is below 0.1 after 1e-3 s, of a consolidation that takes 50
+# s.
 SHARE = 0.01
 
 
 class Lasting:
-    """The least of a size over the last steps in which it did not fade, at least STEPS of them and SHARE of the run.
+    """The least of a size over the last steps in which it did not fade, at least STEPS of them and
+    SHARE of the run.
 
     A size that stays above a bound for so long is told; one that is above it for a moment is not.
     """
@@ -23,7 +30,9 @@ class Lasting:
         self._trail = []  # [time [s], number of counted steps before it, least size since then], sizes increasing
 
     def add(self, size, dt, clock):
-        """Return the size that lasts up to the present time of the `Clock`, after a step of size dt."""
+        """Return the size that lasts up to the present time of the `Clock`, after a step of size
+        dt.
+        """
         fades, self._last = size < FADING * self._last, size
         if fades:
             return 0.0

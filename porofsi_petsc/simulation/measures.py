@@ -50,7 +50,8 @@ class Omission:
     """One term left out: what the number is, its bound (None: only reported) and its key in
     [limits], the term, how to have it.
 
-    term : key in [model], "" where the material decides; lasts : the number is that of `Lasting`, not of single steps
+    term : key in [model], "" where the material decides; lasts : the number is that of `Lasting`,
+    not of single steps
     """
 
     name: str
@@ -221,7 +222,9 @@ class Measures:
         return {omission.name: sizes[omission.name]() for omission in self.omissions}
 
     def watch_neglected(self, sizes, dt, clock):
-        """Record the sizes of an accepted step of size dt that ends at the present time of the `Clock`."""
+        """Record the sizes of an accepted step of size dt that ends at the present time of the
+        `Clock`.
+        """
         for name, size in sizes.items():
             found = self._lasting[name].add(size, dt, clock) if name in self._lasting else size
             self.sizes[name] = max(self.sizes[name], found)

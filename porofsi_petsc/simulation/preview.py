@@ -124,7 +124,9 @@ def _drainage(domain, region, drained, where, c_v, layer):
 
 
 def _drained(scene, domain):
-    """Return the nodes with a prescribed pressure and those at which a free fluid takes what flows out, (n_local,) bool."""
+    """Return the nodes with a prescribed pressure and those at which a free fluid takes what flows
+    out, (n_local,) bool.
+    """
     mesh = domain.mesh
     materials = materials_of(at_start(scene), mesh)
     free = [i for i, region in enumerate(mesh.regions) if materials[region].is_free_fluid]
