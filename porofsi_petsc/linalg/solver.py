@@ -297,8 +297,8 @@ class LinearSolver:
         if reason > 0:
             self.ksp.setType(chosen)
             if not self.indefinite:
-                text = "%s: CG broke down on an indefinite matrix, solved with GMRES (said once, counted in summary.json)"
-                logger.info(text, self.prefix.rstrip("_"))
+                text = "%s: CG broke down on an indefinite matrix, solved with GMRES (%s)"
+                logger.info(text, self.prefix.rstrip("_"), "said once, counted in summary.json")
             self.indefinite += 1
         return iterations, reason
 

@@ -64,7 +64,7 @@ SUMMARY_KEYS = {
     "coupling_iterations.mean": "mean number of coupling iterations of a step",
     "coupling_iterations.max": "largest number of coupling iterations of a step",
     "coupling_iterations.total": "sum of the coupling iterations",
-    "coupling_iterations.failed": "sum of those of attempts that failed, which are not among the three others",
+    "coupling_iterations.failed": "sum of those of attempts that failed, not among the others",
     "linear_iterations.fluid.mean": "mean number of iterations of a linear solve of the fluid",
     "linear_iterations.fluid.max": "largest number of iterations of a linear solve of the fluid",
     "linear_iterations.solid.mean": "mean number of iterations of a linear solve of the solid",

@@ -1,39 +1,36 @@
-"""How large a size is that lasts, where single steps say little: those after a jump of the load,
-or the first one from rest.
-"""
+"""How large a size is that lasts: single steps say little after a jump of the load."""
 
 # A jump of the load, or of its rate, makes velocities jump, the faster, the shorter the step, and
-# the scheme forgets it by
-# about rho_inf per step: Mandel's slab in steps of 1e-4 s, rho_inf = 0.5, has 5e3 at the jump,
-# 0.77 to 0.55 of that in each
-# step after it, and 0.1 after 22.  Steps in which the size falls like that are passed over.
+# the scheme forgets it by about rho_inf per step: Mandel's slab in steps of 1e-4 s, rho_inf = 0.5,
+# has 5e3 at the jump, 0.77 to 0.55 of that in each step after it, and 0.1 after 22.  Steps in which
+# the size falls like that are passed over.
 FADING = 0.8
 STEPS = 5  # of the others; Terzaghi's column in steps of 1e-4 s has four before it fades
 FEWEST = 3  # in a run that is shorter and in which nothing fades
 # Of the run.  What follows a jump decays like the inverse of the time since it, too, if steps are
-# short enough to show it:
-# Terzaghi's column in steps of 1e-5 s is below 0.1 after 1e-3 s, of a consolidation that takes 50
-# s.
+# short enough to show it: Terzaghi's column in steps of 1e-5 s is below 0.1 after 1e-3 s, of a
+# consolidation that takes 50 s.
 SHARE = 0.01
 
 
 class Lasting:
-    """The least of a size over the last steps in which it did not fade, at least STEPS of them and
-    SHARE of the run.
+    """The least of a size over the last steps in which it did not fade.
 
-    A size that stays above a bound for so long is told; one that is above it for a moment is not.
+    They are at least STEPS and SHARE of the run.  A size that stays above a bound for so long is told; one that is above it for a moment is not.
     """
 
     def __init__(self, end):
         """Take the end of the run [s]."""
-        self._end, self._last, self._counted = end, 0.0, 0
-        self._trail = []  # [time [s], number of counted steps before it, least size since then], sizes increasing
+        self._end = end
+        self._last = 0.0
+        self._counted = 0
+        # [time [s], number of counted steps before it, least size since then], sizes increasing
+        self._trail = []
 
     def add(self, size, dt, clock):
-        """Return the size that lasts up to the present time of the `Clock`, after a step of size
-        dt.
-        """
-        fades, self._last = size < FADING * self._last, size
+        """Return the size that lasts up to now, by the `Clock` after a step of size dt."""
+        fades = size < FADING * self._last
+        self._last = size
         if fades:
             return 0.0
         start = [clock.t - dt, self._counted]
@@ -60,8 +57,6 @@ class Lasting:
 
     def load(self, state):
         """Continue from `state`."""
-        self._last, self._counted, self._trail = (
-            state["last"],
-            state["counted"],
-            [list(entry) for entry in state["trail"]],
-        )
+        self._last = state["last"]
+        self._counted = state["counted"]
+        self._trail = [list(entry) for entry in state["trail"]]

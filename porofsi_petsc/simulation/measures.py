@@ -415,7 +415,7 @@ def _omissions(scene, materials):
     for phase, present in (("solid", solids), ("fluid", fluids)):
         term = f"{phase}_inertia"
         if not getattr(model, term) and present and scene.time.scheme != "steady":
-            meaning = f"inertia of the {phase} that is left out over the largest force on it, where it lasts"
+            meaning = f"inertia of the {phase} over the largest force on it, where it lasts"
             yield left_out(term, term, f"set model.{term} = true", meaning, lasts=True)
     if scene.is_porous:
         yield from _porous_omissions(scene, left_out)
