@@ -16,7 +16,8 @@ SHARE = 0.01
 class Lasting:
     """The least of a size over the last steps in which it did not fade.
 
-    They are at least STEPS and SHARE of the run.  A size that stays above a bound for so long is told; one that is above it for a moment is not.
+    They are at least STEPS and SHARE of the run.  A size that stays above a bound for so long is
+    told; one that is above it for a moment is not.
     """
 
     def __init__(self, end):
