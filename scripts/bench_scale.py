@@ -35,6 +35,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import launching
 import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -459,11 +460,7 @@ def execute(run, changes=(), holders=False):
             "changes": list(changes),
         }
         order |= {"folder": folder, "holders": holders}
-        mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(run.ranks)]
-        environment = os.environ | {
-            "OMP_NUM_THREADS": "1",
-            "OMPI_MCA_hwloc_base_binding_policy": "none",
-        }
+        mpirun = ["mpirun", "-n", str(run.ranks)]
         command = [
             *mpirun,
             sys.executable,
@@ -471,10 +468,9 @@ def execute(run, changes=(), holders=False):
             "--worker",
             json.dumps(order),
         ]
+        streams = {"capture_output": True, "text": True}
         try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, timeout=LIMIT, env=environment
-            )
+            done = subprocess.run(command, **streams, timeout=LIMIT, env=launching.environment())
         except subprocess.TimeoutExpired:
             sys.exit(f"{run.label}: not done after {LIMIT} s; leave it out with --largest")
         result = Path(folder, "record.json")

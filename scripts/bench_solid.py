@@ -26,6 +26,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
+import launching
+
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 TARGET = ROOT / "docs" / "studies" / "solid_solvers"
@@ -161,25 +163,14 @@ def work(dimensions, orders, meshes):
 
 def launch(ranks, given):
     """Return the records of a number of ranks, in a mpirun of its own."""
-    kept = {
-        key: value for key, value in os.environ.items() if not key.startswith(("OMPI_", "PMIX_"))
-    }
-    environment = kept | {"OMP_NUM_THREADS": "1", "OMPI_MCA_hwloc_base_binding_policy": "none"}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "records.json"
-        words = [
-            "mpirun",
-            "--allow-run-as-root",
-            "--oversubscribe",
-            "-n",
-            str(ranks),
-            sys.executable,
-            __file__,
-        ]
-        words += ["--worker", str(file)]
+        words = ["mpirun", "-n", str(ranks), sys.executable, __file__, "--worker", str(file)]
         for name in ("dimensions", "orders"):
             words += [f"--{name}", *map(str, getattr(given, name))]
-        subprocess.run([*words, "--meshes", str(given.meshes)], env=environment, check=True)
+        subprocess.run(
+            [*words, "--meshes", str(given.meshes)], env=launching.environment(), check=True
+        )
         return json.loads(file.read_text())
 
 

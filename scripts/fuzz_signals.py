@@ -23,6 +23,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import launching
 import numpy as np
 
 from porofsi_petsc.output.history import read_history
@@ -40,20 +41,8 @@ SCENE = (
     ),
     *("expect=[]", "output.checkpoint_every=3", "output.fields_every=4"),
 )
-# [s] until a process that has not ended hangs; a signal before the first step finds compiled
-# routines
-PATIENCE = 60.0
-# of the largest value of a column, on several ranks: 1e-16 times the condition number of the
-# factored blocks
-ROUND_OFF = 1e-9
-LAUNCH = {
-    "OMP_NUM_THREADS": "1",
-    "OMPI_ALLOW_RUN_AS_ROOT": "1",
-    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    "OMPI_MCA_hwloc_base_binding_policy": "none",
-    "OMPI_MCA_mpi_yield_when_idle": "1",
-}
+PATIENCE = 60.0  # [s] until a process that has not ended hangs; a signal before the first step finds compiled routines
+ROUND_OFF = 1e-9  # of the largest value of a column, on several ranks: 1e-16 times the condition number of the factored blocks
 
 
 @dataclass(frozen=True)
@@ -108,17 +97,11 @@ def command(folder, ranks, *more):
 
 
 def start(words):
-    """Start a process with the signals of a terminal, in a group of its own, so that mpirun starts
-    afresh.
-    """
-    kept = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))
-    }
+    """Start a process with the signals of a terminal, in a group of its own, so that mpirun starts afresh."""
+    environment = launching.environment() | launching.GIVE_WAY
     streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(
-        words, **streams, env=kept | LAUNCH, preexec_fn=_as_a_terminal, start_new_session=True
+        words, **streams, env=environment, preexec_fn=_as_a_terminal, start_new_session=True
     )
 
 
@@ -179,7 +162,7 @@ def _started(process, count):
     its own traceback.
     """
     while process.poll() is None:
-        ranks = _children(process.pid) if count > 1 else [process.pid]
+        ranks = launching.ranks_of(process.pid) if count > 1 else [process.pid]
         if len(ranks) == count and all(map(_has_handlers, ranks)):
             return ranks if count > 1 else []
         time.sleep(0.005)
@@ -194,11 +177,6 @@ def _has_handlers(pid):
         return False
     caught = next((int(line.split()[1], 16) for line in lines if line.startswith("SigCgt")), 0)
     return bool(caught >> (signal.SIGUSR1 - 1) & 1)
-
-
-def _children(pid):
-    found = subprocess.run(["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True)
-    return [int(word) for word in found.stdout.split()]
 
 
 def _send(pid, number):

@@ -4,7 +4,6 @@ by the command line.
 
 import importlib
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -13,13 +12,13 @@ from pathlib import Path
 from unittest import mock
 
 import h5py
+import launching
 import numpy as np
 import pytest
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.output.history import read_history
 
-ROOT = Path(__file__).resolve().parent.parent
 SCENES = Path(__file__).resolve().parent / "scenes"
 needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 
@@ -56,26 +55,8 @@ def run_here(job):
 
 
 def environment():
-    """Return the environment without what MPI has put there, so that mpirun starts afresh, and more
-    ranks than cores give way.
-    """
-    kept = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))
-    }
-    path = os.pathsep.join(filter(None, [str(ROOT), kept.get("PYTHONPATH")]))
-    launch = {
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    }
-    launch |= {"OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_mpi_yield_when_idle": "1"}
-    launch |= {
-        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-        "PRTE_MCA_hwloc_default_binding_policy": "none",
-    }
-    return kept | launch | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+    """Return the environment of a run whose ranks, more than cores, give way to each other."""
+    return launching.environment() | launching.GIVE_WAY
 
 
 def complete(words, timeout=120):

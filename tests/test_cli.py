@@ -2,7 +2,6 @@
 job when one rank fails.
 """
 
-import os
 import shutil
 import subprocess
 import sys
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from launching import environment
 
 import porofsi_petsc
 from porofsi_petsc import errors, log
@@ -149,30 +149,6 @@ def test_help_imports_nothing_heavy():
         "h5py",
         "meshio",
     } & set(loaded)
-
-
-def environment():
-    """Return the environment without what MPI has put there, so that mpirun starts afresh."""
-    kept = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith(("OMPI_", "PMIX_", "PMI_", "ORTE_"))
-    }
-    path = os.pathsep.join(filter(None, [str(ROOT), kept.get("PYTHONPATH")]))
-    launch = {
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    }
-    return (
-        kept
-        | launch
-        | {
-            "PYTHONPATH": path,
-            "OMP_NUM_THREADS": "1",
-            "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-        }
-    )
 
 
 STUBBED = """

@@ -13,6 +13,7 @@ import time
 import fuzz_signals
 import pytest
 from fuzz_signals import Moment
+from launching import ranks_of
 from running import (
     Job,
     changes,
@@ -203,14 +204,6 @@ def ended(process, seconds=60):
     return process.returncode, out, err
 
 
-def children(pid):
-    """Return the process ids of the children of a process, ascending."""
-    found = subprocess.run(
-        ["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True, check=True
-    )
-    return sorted(int(word) for word in found.stdout.split())
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
 @pytest.mark.parametrize("words", [["run", "pulse2d"], ["check", "pulse2d"]])
 def test_a_signal_during_the_set_up_ends_with_4_and_a_sentence(words, number):
@@ -237,7 +230,7 @@ def test_no_rank_hangs_when_one_or_all_are_interrupted_during_the_set_up(sleeper
         ]
     )
     process.stdout.read(2 * len("ready\n"))
-    ranks = children(process.pid)
+    ranks = ranks_of(process.pid)
     for receiver in receivers:
         os.kill(ranks[receiver], signal.SIGINT)
     if receivers == (
@@ -269,7 +262,7 @@ def test_ctrl_c_writes_a_checkpoint_and_a_restart_goes_on(tmp_path, ranks, recei
     endless = (*BLOCK, "time.end=100")
     process = start(command("pulse2d", out, *changes(endless), ranks=ranks))
     wait_for_steps(process, out, 2)
-    family = children(process.pid) if ranks else []
+    family = ranks_of(process.pid) if ranks else []
     for pid in [family[i] for i in receivers] or [process.pid]:
         os.kill(pid, signal.SIGINT)
     code, _, err = ended(process)
