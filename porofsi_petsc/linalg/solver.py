@@ -433,7 +433,7 @@ def _make_ksp(matrix, prefix, fields):
     try:
         ksp.setFromOptions()
     except PETSc.Error as error:
-        raise _missing(prefix, error) from error
+        raise _unmade(prefix, error) from error
     if fields and ksp.getPC().getType() == PETSc.PC.Type.FIELDSPLIT:
         ksp.getPC().setFieldSplitIS(*fields.items())
     return ksp
@@ -444,21 +444,20 @@ def _factor(kind, package):
 
 
 def _broken(prefix, error, stage_name):
-    """Return the error of the user for one of PETSc: of options that cannot work, else of this
-    matrix.
-    """
-    if error.ierr in _FILES:
-        return InputError(
-            f"PETSc options: {reason_of(error)}; correct the file of an option -{prefix}…"
-        )
-    if error.ierr in _MISSING:
-        return _missing(prefix, error)
+    """Return the error of the user for one of PETSc: of options that cannot work, else of this matrix."""
+    if error.ierr in _FILES + _MISSING:
+        return _unmade(prefix, error)
     if error.ierr in _UNFIT:
         what = f"PETSc options: a solver -{prefix}… cannot work: {reason_of(error)}"
         return InputError(f"{what}; choose another -{prefix}ksp_type or -{prefix}pc_type")
     return ConvergenceError(f"linear solver {prefix}: its {stage_name} failed: {reason_of(error)}")
 
 
-def _missing(prefix, error):
+def _unmade(prefix, error):
+    """Return the error of the user for one of PETSc while it reads a solver's options, newer ones with the files in them."""
+    if error.ierr in _FILES:
+        return InputError(
+            f"PETSc options: {reason_of(error)}; correct the file of an option -{prefix}…"
+        )
     what = f"PETSc options: a solver -{prefix}… cannot be made: {reason_of(error)}"
     return InputError(f"{what}; choose another or a PETSc that has it")
