@@ -151,6 +151,21 @@ def test_help_imports_nothing_heavy():
     } & set(loaded)
 
 
+@pytest.mark.parametrize("failure", [ImportError("No module named 'mpi4py'"), RuntimeError("cannot load MPI library")])
+def test_an_mpi_that_cannot_be_loaded_is_wrong_input(monkeypatch, failure):
+    class Finder:
+        def find_spec(self, name, path=None, target=None):
+            if name.startswith("mpi4py"):
+                raise failure
+
+    for name in [name for name in sys.modules if name.startswith("mpi4py")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
+    result = invoke("run", "pulse2d")
+    assert result.exit_code == 2 and "Traceback" not in result.stderr
+    assert f"error: mpi4py cannot load MPI ({failure}); install it, load the modules" in result.stderr
+
+
 STUBBED = """
 import sys, types
 from mpi4py import MPI

@@ -78,6 +78,16 @@ def test_environment_and_rc_file_are_respected_and_restored_by_a_second_start(tm
     assert lines == expected
 
 
+def test_a_library_that_is_not_found_is_wrong_input(monkeypatch):
+    def init(words):
+        raise ImportError("libmpi.so.12: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr("petsc4py.init", init)
+    monkeypatch.delitem(sys.modules, "petsc4py.PETSc")
+    with pytest.raises(InputError, match=r"petsc4py cannot load PETSc \(libmpi.so.12: .*\); load the modules .*LD_LIBRARY_PATH"):
+        options.start()
+
+
 @pytest.mark.parametrize("words, said", [([], False), (["-options_left"], True)])
 def test_what_no_solver_has_read_is_listed_at_the_end_only_on_demand(words, said):
     """Whatever the build of PETSc does by itself."""

@@ -211,6 +211,9 @@ def _initialise(words):
             (signal.SIGPIPE, *ENDING)
         ):  # PETSc makes an end without results of a reader that has gone
             petsc4py.init([sys.argv[0] or "porofsi", *words])
+    except ImportError as error:  # of a library that it is linked to
+        text = "load the modules it was built with, or name the folder of the library in LD_LIBRARY_PATH"
+        raise InputError(f"petsc4py cannot load PETSc ({error}); {text}") from error
     except RuntimeError as error:
         text = (
             "an options file has lines of -NAME VALUE and comments after #, and an -options_file in"
