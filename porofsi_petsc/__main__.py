@@ -10,6 +10,7 @@ from contextlib import suppress
 
 from .errors import Stopped
 from .signals import Interrupted, answered_by, interrupt, note, noted
+from .streams import drop_unread
 
 TIME_OF_RANK_0 = 5.0  # [s] that another rank gives it to end the job after a signal
 
@@ -29,9 +30,11 @@ def _open_streams():
 
 
 def _close_streams():
-    """Drop what standard output and error do not take (a full disk, a reader that has gone), of
-    which Python would complain.
+    """Drop what standard output and error do not take (a full disk, a reader that has gone), of which Python would complain.
+
+    PETSc, which ends later, would complain of a reader that has gone.
     """
+    drop_unread()
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

@@ -30,7 +30,9 @@ class Job:
             from mpi4py import MPI
         except (ImportError, RuntimeError) as error:  # not installed; no library of MPI
             text = "install it, load the modules it was built with, or name the folder of the library in LD_LIBRARY_PATH"
-            raise InputError(f"mpi4py cannot load MPI ({' '.join(str(error).split())}); {text}") from error
+            raise InputError(
+                f"mpi4py cannot load MPI ({' '.join(str(error).split())}); {text}"
+            ) from error
         self.comm = MPI.COMM_WORLD.Dup()
         if self.comm.size > 1:
             sys.excepthook = self.abort

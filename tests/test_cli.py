@@ -151,7 +151,9 @@ def test_help_imports_nothing_heavy():
     } & set(loaded)
 
 
-@pytest.mark.parametrize("failure", [ImportError("No module named 'mpi4py'"), RuntimeError("cannot load MPI library")])
+@pytest.mark.parametrize(
+    "failure", [ImportError("No module named 'mpi4py'"), RuntimeError("cannot load MPI library")]
+)
 def test_an_mpi_that_cannot_be_loaded_is_wrong_input(monkeypatch, failure):
     class Finder:
         def find_spec(self, name, path=None, target=None):
@@ -163,7 +165,9 @@ def test_an_mpi_that_cannot_be_loaded_is_wrong_input(monkeypatch, failure):
     monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
     result = invoke("run", "pulse2d")
     assert result.exit_code == 2 and "Traceback" not in result.stderr
-    assert f"error: mpi4py cannot load MPI ({failure}); install it, load the modules" in result.stderr
+    assert (
+        f"error: mpi4py cannot load MPI ({failure}); install it, load the modules" in result.stderr
+    )
 
 
 STUBBED = """

@@ -19,9 +19,17 @@ LAYER = {
     "linalg": 2,
 }
 LAYER |= {"fem": 2, "linalg": 2, "mesh": 1, "kernels": 1, "materials": 1, "elements": 1, "exact": 1}
-LAYER |= {"config": 2, "clock": 0, "errors": 0, "log": 0, "signals": 0, "tensors": 0, "compiled": 0}
-# Siblings that may be used inside the same layer: errors and compiled everywhere, elements by the
-# other pure folders.
+LAYER |= {
+    "config": 2,
+    "clock": 0,
+    "errors": 0,
+    "log": 0,
+    "signals": 0,
+    "streams": 0,
+    "tensors": 0,
+    "compiled": 0,
+}
+# Siblings that may be used inside the same layer: errors and compiled everywhere, elements by the other pure folders.
 SHARED = {"errors", "elements", "tensors", "compiled"}
 ONLY_IN = {
     "numba": {"compiled"},

@@ -84,7 +84,10 @@ def test_a_library_that_is_not_found_is_wrong_input(monkeypatch):
 
     monkeypatch.setattr("petsc4py.init", init)
     monkeypatch.delitem(sys.modules, "petsc4py.PETSc")
-    with pytest.raises(InputError, match=r"petsc4py cannot load PETSc \(libmpi.so.12: .*\); load the modules .*LD_LIBRARY_PATH"):
+    with pytest.raises(
+        InputError,
+        match=r"petsc4py cannot load PETSc \(libmpi.so.12: .*\); load the modules .*LD_LIBRARY_PATH",
+    ):
         options.start()
 
 

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from ..errors import ConvergenceError, InputError
 from ..log import logger
+from ..streams import drop_unread
 from .nullspace import NullSpace, NullVector
 from .options import has_package, is_default, reason_of, set_defaults
 from .stopwatch import stage
@@ -276,7 +277,7 @@ class LinearSolver:
         start = time.perf_counter()
         try:
             with stage("solve"):
-                self.ksp.solve(self._b, self._x)
+                self._solve()
         except PETSc.Error as error:
             if error.ierr != _NOT_CONVERGED:
                 raise _broken(self.prefix, error, "solve") from error
@@ -301,6 +302,19 @@ class LinearSolver:
                 logger.info(text, self.prefix.rstrip("_"), "said once, counted in summary.json")
             self.indefinite += 1
         return iterations, reason
+
+    def _solve(self):
+        """Solve, and again without output when its reader has gone, of which the newest PETSc makes an error where it prints.
+
+        Of several ranks one alone cannot repeat.
+        """
+        try:
+            self.ksp.solve(self._b, self._x)
+        except PETSc.Error:
+            if self.matrix.comm.size > 1 or not drop_unread():
+                raise
+            self._b, self._x = self._b.copy(), self._x.duplicate()  # PETSc has left them locked
+            self.ksp.solve(self._b, self._x)
 
     def _raise(self, reason):
         error = self._failure(reason)
