@@ -207,7 +207,7 @@ def deep_roughness(level):
     points = read_slab(mesh, "points")
     cells = read_slab(mesh, "cells")
     a, b, c = (points[cells[:, i], :2] for i in range(3))
-    area = np.abs(np.cross(b - a, c - a))
+    area = np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1)))
     inside = (
         (points[:, 1] <= HEIGHT - 1)
         & (points[:, 1] > 0)
