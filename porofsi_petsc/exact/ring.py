@@ -18,6 +18,7 @@ is the added mass per area over the density (Fritz, J. Eng. Ind. 94 (1972) 167-1
 motion, n = 1).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,10 +62,8 @@ class Ring:
         return -(A * self.outer / (self.lam + self.mu) + B / (self.mu * self.outer)) / 2
 
     def frequency(self, fluid_density=0.0):
-        """Return the lowest angular frequency of the mode [rad/s] under a fluid of the density
-        [kg/m³]; 0: dry.
-        """
-        return np.sqrt(self._lowest(fluid_density)[0])
+        """Return the lowest angular frequency of the mode [rad/s] under a fluid of the density [kg/m³]; 0: dry."""
+        return math.sqrt(self._lowest(fluid_density)[0])
 
     def shape(self, X, fluid_density=0.0):
         """Return the displacement of the mode at points of the ring, (N, 2) for X : (N, 2) [m].
