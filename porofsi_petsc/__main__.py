@@ -30,7 +30,8 @@ def _open_streams():
 
 
 def _close_streams():
-    """Drop what standard output and error do not take (a full disk, a reader that has gone), of which Python would complain.
+    """Drop what standard output and error do not take (a full disk, a reader that has gone), of
+    which Python would complain.
 
     PETSc, which ends later, would complain of a reader that has gone.
     """

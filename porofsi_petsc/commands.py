@@ -29,7 +29,10 @@ class Job:
         try:
             from mpi4py import MPI
         except (ImportError, RuntimeError) as error:  # not installed; no library of MPI
-            text = "install it, load the modules it was built with, or name the folder of the library in LD_LIBRARY_PATH"
+            text = (
+                "install it, load the modules it was built with, or name the folder of the library"
+                " in LD_LIBRARY_PATH"
+            )
             raise InputError(
                 f"mpi4py cannot load MPI ({' '.join(str(error).split())}); {text}"
             ) from error

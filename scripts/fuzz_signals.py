@@ -41,8 +41,12 @@ SCENE = (
     ),
     *("expect=[]", "output.checkpoint_every=3", "output.fields_every=4"),
 )
-PATIENCE = 60.0  # [s] until a process that has not ended hangs; a signal before the first step finds compiled routines
-ROUND_OFF = 1e-9  # of the largest value of a column, on several ranks: 1e-16 times the condition number of the factored blocks
+# [s] until a process that has not ended hangs; a signal before the first step finds compiled
+# routines
+PATIENCE = 60.0
+# of the largest value of a column, on several ranks: 1e-16 times the condition number of the
+# factored blocks
+ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,9 @@ def command(folder, ranks, *more):
 
 
 def start(words):
-    """Start a process with the signals of a terminal, in a group of its own, so that mpirun starts afresh."""
+    """Start a process with the signals of a terminal, in a group of its own, so that mpirun starts
+    afresh.
+    """
     environment = launching.environment() | launching.GIVE_WAY
     streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(

@@ -1,4 +1,6 @@
-"""Ranks started by a bench, a fuzzer or a test: the environment they get and their processes, with Open MPI and with MPICH."""
+"""Ranks started by a bench, a fuzzer or a test, with Open MPI and with MPICH: the environment they
+get and their processes.
+"""
 
 import os
 import subprocess
@@ -22,7 +24,9 @@ GIVE_WAY = {
 
 
 def environment():
-    """Return the environment without what MPI has put there, so that mpirun starts afresh, and with this checkout's modules."""
+    """Return the environment without what MPI has put there, so that mpirun starts afresh, and with
+    this checkout's modules.
+    """
     kept = {key: value for key, value in os.environ.items() if not key.startswith(OF_MPI)}
     path = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "scripts"), kept.get("PYTHONPATH")]))
     return kept | LAUNCH | {"PYTHONPATH": path}

@@ -29,7 +29,8 @@ LAYER |= {
     "tensors": 0,
     "compiled": 0,
 }
-# Siblings that may be used inside the same layer: errors and compiled everywhere, elements by the other pure folders.
+# Siblings that may be used inside the same layer: errors and compiled everywhere, elements by the
+# other pure folders.
 SHARED = {"errors", "elements", "tensors", "compiled"}
 ONLY_IN = {
     "numba": {"compiled"},

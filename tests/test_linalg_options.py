@@ -86,7 +86,7 @@ def test_a_library_that_is_not_found_is_wrong_input(monkeypatch):
     monkeypatch.delitem(sys.modules, "petsc4py.PETSc")
     with pytest.raises(
         InputError,
-        match=r"petsc4py cannot load PETSc \(libmpi.so.12: .*\); load the modules .*LD_LIBRARY_PATH",
+        match=r"petsc4py cannot load PETSc \(libmpi.so.12: .*\); load .*LD_LIBRARY_PATH",
     ):
         options.start()
 
@@ -112,7 +112,9 @@ def test_initial_options_give_way_to_the_users_and_come_back():
 
 
 def test_a_dot_product_with_several_vectors_does_not_depend_on_where_they_lie():
-    """PETSc's default since 3.21 gives them to BLAS at once where they lie one after the other, with other last digits."""
+    """PETSc's default since 3.21 gives them to BLAS at once where they lie one after the other,
+    with other last digits.
+    """
     rows = np.random.default_rng(0).normal(size=(5, 2000))
 
     def dots(arrays):

@@ -215,11 +215,17 @@ def test_the_same_where_petsc_makes_an_error_of_it(tmp_path):
     [
         (
             "-solid_mat_type nosuch",
-            r"'solid_': received .*Unknown Mat type given: nosuch; remove the option -solid_mat_type",
+            (
+                r"'solid_': received .*Unknown Mat type given: nosuch; remove the option"
+                r" -solid_mat_type"
+            ),
         ),
         (
             "-fluid_ksp_rtol 1e-3",
-            "nothing used -fluid_ksp_rtol; it exists, but .*-fluid_ksp_type preonly .* does not read it",
+            (
+                "nothing used -fluid_ksp_rtol; it exists, but .*-fluid_ksp_type preonly .* does not"
+                " read it"
+            ),
         ),
         (
             "-fluid_ksp_type gmres -fluid_ksp_rtol abc",

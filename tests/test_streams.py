@@ -49,7 +49,9 @@ def test_a_run_needs_no_standard_output(tmp_path, streams):
     ["-fluid_ksp_converged_reason", "-fluid_ksp_type gmres -fluid_ksp_monitor", "-log_view"],
 )
 def test_a_reader_that_goes_does_not_end_the_run(tmp_path, options):
-    """PETSc prints too here: after a solve, in it, at the end.  (Under mpirun, that of Open MPI ends the job as by SIGTERM.)"""
+    """PETSc prints too here: after a solve, in it, at the end.  (Under mpirun, that of Open MPI
+    ends the job as by SIGTERM.)
+    """
     done = shell(f"{a_run(tmp_path / 'run', '--', options)} | head -1; echo ${{PIPESTATUS[0]}}")
     assert (done.stdout.splitlines()[1:], done.stderr) == (["0"], "")
     assert summary(tmp_path / "run")["steps"] == 2

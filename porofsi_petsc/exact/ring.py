@@ -62,7 +62,9 @@ class Ring:
         return -(A * self.outer / (self.lam + self.mu) + B / (self.mu * self.outer)) / 2
 
     def frequency(self, fluid_density=0.0):
-        """Return the lowest angular frequency of the mode [rad/s] under a fluid of the density [kg/m³]; 0: dry."""
+        """Return the lowest angular frequency of the mode [rad/s] under a fluid of the density
+        [kg/m³]; 0: dry.
+        """
         return math.sqrt(self._lowest(fluid_density)[0])
 
     def shape(self, X, fluid_density=0.0):

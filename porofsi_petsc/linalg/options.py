@@ -28,10 +28,11 @@ START_AND_END = frozenset(
 )
 # What PETSc is told unless the user says otherwise.
 INITIAL = {
-    # True by default since 3.21: dot products with several vectors then depend on where these lie in memory, and no two
-    # runs are alike to the last digit.
+    # True by default since 3.21: dot products with several vectors then depend on where these lie
+    # in memory, and no two runs are alike to the last digit.
     "vec_mdot_use_gemv": "false",
-    # 3.25 ends with a list of what no solver has read, mostly our defaults; `check_options` judges the user's.
+    # 3.25 ends with a list of what no solver has read, mostly our defaults; `check_options` judges
+    # the user's.
     "options_left": "false",
 }
 # Suffixes worth suggesting for a misspelt option; only used to word an error.
@@ -212,7 +213,10 @@ def _initialise(words):
         ):  # PETSc makes an end without results of a reader that has gone
             petsc4py.init([sys.argv[0] or "porofsi", *words])
     except ImportError as error:  # of a library that it is linked to
-        text = "load the modules it was built with, or name the folder of the library in LD_LIBRARY_PATH"
+        text = (
+            "load the modules it was built with, or name the folder of the library in"
+            " LD_LIBRARY_PATH"
+        )
         raise InputError(f"petsc4py cannot load PETSc ({error}); {text}") from error
     except RuntimeError as error:
         text = (

@@ -304,7 +304,8 @@ class LinearSolver:
         return iterations, reason
 
     def _solve(self):
-        """Solve, and again without output when its reader has gone, of which the newest PETSc makes an error where it prints.
+        """Solve, and again without output when its reader has gone, of which the newest PETSc makes
+        an error where it prints.
 
         Of several ranks one alone cannot repeat.
         """
@@ -458,7 +459,9 @@ def _factor(kind, package):
 
 
 def _broken(prefix, error, stage_name):
-    """Return the error of the user for one of PETSc: of options that cannot work, else of this matrix."""
+    """Return the error of the user for one of PETSc: of options that cannot work, else of this
+    matrix.
+    """
     if error.ierr in _FILES + _MISSING:
         return _unmade(prefix, error)
     if error.ierr in _UNFIT:
@@ -468,7 +471,9 @@ def _broken(prefix, error, stage_name):
 
 
 def _unmade(prefix, error):
-    """Return the error of the user for one of PETSc while it reads a solver's options, newer ones with the files in them."""
+    """Return the error of the user for one of PETSc while it reads a solver's options, newer ones
+    with the files in them.
+    """
     if error.ierr in _FILES:
         return InputError(
             f"PETSc options: {reason_of(error)}; correct the file of an option -{prefix}…"
