@@ -80,6 +80,7 @@ def two_triangles(*overrides):
         "mesh.y.ratios=[1.0]",
     )
     scene = load_scene("column_step", (*mesh, "probe=[]", "expect=[]", *overrides))
+    scene = scene.model_copy(update={"reference": None})  # whose column is another one
     coupling = Simulation(scene, MPI.COMM_SELF).coupling
     domain = coupling.solid.domain
     setup = fluid_setup(scene, domain, materials_of(scene, domain.mesh), Stopwatch())
