@@ -78,7 +78,7 @@ class ElasticLaw:
 
 
 class LinearElastic(ElasticLaw):
-    """Psi = lambda/2 (tr eps)^2 + mu eps:eps with eps = sym H."""
+    """Ψ = λ/2 (tr ε)² + μ ε:ε, ε = sym H."""
 
     small_strain = True
 
@@ -121,7 +121,7 @@ class Harmonic(ElasticLaw):
 
 
 class SaintVenantKirchhoff(ElasticLaw):
-    """Psi = lambda/2 (tr E)^2 + mu E:E with E = (F^T F - I)/2 = (H + H^T + H^T H)/2."""
+    """Ψ = λ/2 (tr E)² + μ E:E."""
 
     lowest_ratio = 1 / np.sqrt(3)  # the confined stress has its extremum there
 
@@ -335,7 +335,7 @@ def _compressible_tangent_loop(d):
 
 
 class NeoHookean(_CompressibleNeoHookean):
-    """U = lambda/2 (ln J)^2 (Bonet & Wood, Nonlinear Continuum Mechanics, eq. 6.27)."""
+    """Ψ = μ/2 (I1 - 3) - μ ln J + λ/2 (ln J)² (Bonet & Wood 2008, 6.27)."""
 
     @_marking_inadmissible()
     def _volumetric(self, J_1):
@@ -347,7 +347,7 @@ class NeoHookean(_CompressibleNeoHookean):
 
 
 class NeoHookeanJ2(_CompressibleNeoHookean):
-    """U = lambda/2 (J - 1)^2."""
+    """Ψ = μ/2 (I1 - 3) - μ ln J + λ/2 (J - 1)²."""
 
     def _volumetric(self, J_1):
         return (
@@ -361,11 +361,10 @@ class NeoHookeanJ2(_CompressibleNeoHookean):
 
 
 class XieLeo(_CompressibleNeoHookean):
-    """U = E_c (J ln J - J + 1) - mu/2 (J^2 - 1) + mu ln J: in confined compression Psi = E_c (J ln
-    J - J + 1), P = E_c ln J.
+    """Ψ = μ/2 (I1 - 3) + E_c (J ln J - J + 1) - μ/2 (J² - 1): in confined compression P = E_c ln J.
 
-    The law of the exact consolidation of Xie & Leo (2004), 1/m = E_c; for compression (U falls at J
-    far above 1).
+    The law of the exact consolidation of Xie & Leo (2004), 1/m = E_c; for compression (the energy
+    falls at J far above 1).
     """
 
     def confined(self, J):
@@ -383,8 +382,9 @@ class XieLeo(_CompressibleNeoHookean):
 
 
 class EhlersEipper(_CompressibleNeoHookean):
-    """J U' = lambda (1 - n)^2 [J/(1 - n) - J/(J - n)], n = n_s0 (Ehlers & Eipper 1999); infinite at
-    the compaction point n.
+    """Ψ = μ/2 (I1 - 3) - μ ln J + λ m² [(J - 1)/m - ln((J - n_s0)/m)], m = 1 - n_s0.
+
+    Infinite at the compaction point J = n_s0 (Ehlers & Eipper 1999).
     """
 
     compacts = True
