@@ -14,6 +14,7 @@ from .elastic import (
 )
 from .from_energy import FromEnergy
 from .law import Registry, parameter
+from .mooney_rivlin import MooneyRivlin
 from .permeability import PERMEABILITY, PermeabilityLaw
 
 ELASTIC = Registry(
@@ -24,6 +25,7 @@ ELASTIC = Registry(
         "saint_venant_kirchhoff": SaintVenantKirchhoff,
         "neo_hookean": NeoHookean,
         "neo_hookean_j2": NeoHookeanJ2,
+        "mooney_rivlin": MooneyRivlin,
         "xie_leo": XieLeo,
         "ehlers_eipper": EhlersEipper,
     },

@@ -22,8 +22,7 @@ class FromEnergy(ElasticLaw):
     take complex numbers.
 
     The stress is exact to round-off.  In three dimensions the energy is evaluated 9 times for the
-    stress of a point and 90 times for its tangent: laws written by hand are some ten times as fast
-    (docs/python.md).
+    stress of a point and 90 times for its tangent; times beside laws by hand: docs/python.md.
     """
 
     def energy(self, H: np.ndarray) -> np.ndarray:
