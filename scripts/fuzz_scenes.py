@@ -37,10 +37,9 @@ LONGEST_SENTENCE, TIME_LIMIT = 500, 60.0  # characters; seconds
 PLACE = re.compile(
     r"DIR|/|\[|override |expression |scene "
 )  # with which a sentence says where it belongs
-FEW, MANY = (
-    5000,
-    1e12,
-)  # cells of a mesh that is made, and of one that no memory holds; between them is nothing to try
+# cells of a mesh that is made, and of one that no memory holds; between them is nothing to try
+FEW = 5000
+MANY = 1e12
 NUMBERS = [0, 0.0, -0.0, -1, 1, 2, 0.5, 0.1 + 0.2, 1 - 1e-16, 1 + 2e-16, -1e308, 10**400]
 NUMBERS += [5e-324, 1e-300, 1e-160, 1e-100, 1e-40, 1e-17, 1e-16, 1e16, 1e40, 1e41, 1e160, 1e308]
 NUMBERS += [float("inf"), float("-inf"), float("nan"), 2**31, 2**63, 2**64, 10**30, 10**308]

@@ -6,11 +6,10 @@ import gmsh
 import gmsh_file
 
 LENGTH, HEIGHT, CENTRE, RADIUS = 2.2, 0.41, (0.2, 0.2), 0.05  # [m]
-AT_CYLINDER, GROWTH, LARGEST = (
-    0.008,
-    0.16,
-    0.06,
-)  # size [m] at the cylinder, its growth per distance, largest
+# size [m] at the cylinder, its growth per distance, largest
+AT_CYLINDER = 0.008
+GROWTH = 0.16
+LARGEST = 0.06
 IN_WAKE = 0.025  # size [m] in the wake
 
 

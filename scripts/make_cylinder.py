@@ -5,17 +5,15 @@ compression).
 import gmsh
 import gmsh_file
 
-RADIUS, CORE, HEIGHT = (
-    3.175e-3,
-    1.9e-3,
-    5e-4,
-)  # of the cylinder, of its part without layers, of both [m]
+# of the cylinder, of its part without layers, of both [m]
+RADIUS = 3.175e-3
+CORE = 1.9e-3
+HEIGHT = 5e-4
 SIZE = 1.2e-3  # of the triangles around the axis [m]
-AROUND, THROUGH, GROWTH = (
-    5,
-    4,
-    0.6,
-)  # elements of level 0 over the quarter circle and the layers; each over the next one inside
+# elements of level 0 over the quarter circle and the layers; each over the next one inside
+AROUND = 5
+THROUGH = 4
+GROWTH = 0.6
 
 
 def cross_section(level):

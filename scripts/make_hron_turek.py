@@ -18,16 +18,14 @@ ROOT = asin(HALF / RADIUS)  # half the angle of the arc on which the beam stands
 SIDE, THICKNESS = 56, 4  # elements along a side of the beam and over its thickness at level 0
 CLUSTER = 0.3  # size at root and tip over the size at half length: both ends are singular
 NARROW = 0.4  # at the tip: size at the corners over the size at the middle
-WALL, CORNER, GROWTH = (
-    0.01,
-    0.0025,
-    0.22,
-)  # size at cylinder and beam, at the tip's corners [m], its growth with the distance [-]
-WAKE, FAR, WAKE_END = (
-    0.03,
-    0.07,
-    1.5,
-)  # largest size up to the end of the wake, at the outlet [m], and that end [m]
+# size at cylinder and beam, at the tip's corners [m], its growth with the distance [-]
+WALL = 0.01
+CORNER = 0.0025
+GROWTH = 0.22
+# largest size up to the end of the wake, at the outlet [m], and that end [m]
+WAKE = 0.03
+FAR = 0.07
+WAKE_END = 1.5
 
 
 def size(x, y):

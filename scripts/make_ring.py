@@ -19,10 +19,9 @@ ROWS = (
     0.025,
     0.008,
 )  # of the fluid up to the wall at 1.5 m [m]
-AROUND, ACROSS = (
-    16,
-    2,
-)  # elements of level 0 over the quarter circle and over the ring; one over each row of the fluid
+# elements of level 0 over the quarter circle and over the ring; one over each row of the fluid
+AROUND = 16
+ACROSS = 2
 
 
 def circles():

@@ -7,11 +7,10 @@ import gmsh_file
 
 RADII, LENGTH = (0.005, 0.006), 0.05  # inside and outside [m]
 SIZE = 0.0022  # of the triangles around the axis [m]
-AROUND, THROUGH, ALONG = (
-    4,
-    1,
-    24,
-)  # elements of level 0 over the quarter circle, the wall and the length
+# elements of level 0 over the quarter circle, the wall and the length
+AROUND = 4
+THROUGH = 1
+ALONG = 24
 
 
 def cross_section(level):

@@ -13,10 +13,9 @@ FLOWS = {
     2: (Kovasznay(RHO, MU, U, L), TaylorGreen(RHO, MU, U, L)),
     3: (EthierSteinman(RHO, MU, U, L),),
 }
-STEP, TIME = (
-    1e-3,
-    0.2,
-)  # of central differences, whose error is 1e-6 of the derivatives times their scale
+# of central differences, whose error is 1e-6 of the derivatives times their scale
+STEP = 1e-3
+TIME = 0.2
 
 
 def differences(field, X):

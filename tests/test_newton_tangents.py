@@ -22,7 +22,7 @@ def travel(solid, fluid):
     """Return the rule in a step whose first tangents are made."""
     rule = Travel(solid, fluid, MPI.COMM_SELF)
     rule.begin_step()
-    assert rule.worn(RATES, 1.0)
+    assert rule.are_stale(RATES, 1.0)
     return rule
 
 
@@ -32,9 +32,9 @@ def test_a_move_of_three_per_cent_wants_new_ones(phase):
     pair = phases()
     rule = travel(*pair)
     pair[phase].unknowns[:, :2] *= 1.02
-    assert not rule.worn(RATES, 0.1)
+    assert not rule.are_stale(RATES, 0.1)
     pair[phase].unknowns[:, :2] *= 1.02
-    assert rule.worn(RATES, 0.1) and not rule.worn(RATES, 0.1)
+    assert rule.are_stale(RATES, 0.1) and not rule.are_stale(RATES, 0.1)
 
 
 def test_the_pressure_does_not_count():
@@ -42,16 +42,16 @@ def test_the_pressure_does_not_count():
     solid, fluid = phases()
     rule = travel(solid, fluid)
     fluid.unknowns[:, 2] *= 2
-    assert not rule.worn(RATES, 0.1)
+    assert not rule.are_stale(RATES, 0.1)
 
 
 def test_slow_iterations_other_rates_and_steps_want_new_ones():
     """A slender beam moves little and stiffens much."""
     rule = travel(*phases())
-    assert rule.worn(RATES, 0.6)
-    assert rule.worn(Rates(2.0, 1.0, 1.0), 0.1)
+    assert rule.are_stale(RATES, 0.6)
+    assert rule.are_stale(Rates(2.0, 1.0, 1.0), 0.1)
     rule.begin_step()
-    assert rule.worn(Rates(2.0, 1.0, 1.0), 0.1)
+    assert rule.are_stale(Rates(2.0, 1.0, 1.0), 0.1)
 
 
 def test_a_linear_problem_wants_them_with_other_rates_alone():
@@ -60,5 +60,5 @@ def test_a_linear_problem_wants_them_with_other_rates_alone():
     rule = travel(solid, fluid)
     solid.unknowns *= 2
     rule.begin_step()
-    assert not rule.worn(RATES, 0.9)
-    assert rule.worn(Rates(2.0, 1.0, 1.0), 0.1)
+    assert not rule.are_stale(RATES, 0.9)
+    assert rule.are_stale(Rates(2.0, 1.0, 1.0), 0.1)

@@ -7,13 +7,12 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.output.history import read_history
 
-U, K, MU, LENGTH, MODULUS = (
-    0.3,
-    1e-6,
-    2.0,
-    1.0,
-    2e6,
-)  # [m/s], [m²], [Pa s], [m] of the plug, E_c [Pa]
+# [m/s], [m²], [Pa s], [m] of the plug, E_c [Pa]
+U = 0.3
+K = 1e-6
+MU = 2.0
+LENGTH = 1.0
+MODULUS = 2e6
 
 SCENE = f"""
 title = "A plug at the end of a channel"

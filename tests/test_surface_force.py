@@ -23,10 +23,9 @@ POISEUILLE, BAR, FLAP = (str(SCENES / f"{name}.toml") for name in ("poiseuille",
 # The flow is in the space of the elements.  What is left is the tolerance of the iteration, 1e-12
 # of the largest force, times the condition of the system.
 EXACT = 1e-9
-WALLS, END = (
-    24.0,
-    12.0,
-)  # 2 μ 4 L/H; Δp/2 H, where the pressure has zero mean, Δp = 8 μ L/H² = 24 Pa [N/m]
+# 2 μ 4 L/H; Δp/2 H, where the pressure has zero mean, Δp = 8 μ L/H² = 24 Pa [N/m]
+WALLS = 24.0
+END = 12.0
 ENDS = "{on='left', traction={x=24.0}, velocity={y=0.0}}, {on='right', velocity={y=0.0}}"
 NO_SLIP = "{on=['bottom', 'top'], velocity={x=0.0, y=0.0}}"
 PROFILE = "{on=['left', 'right'], velocity={x='4*y*(1 - y)', y=0.0}}"

@@ -7,7 +7,7 @@ from .interface import InterfaceMedium, InterfaceSweep
 
 # Part of the residual that a sweep leaves with tangents that fit: 0.1 to 0.2, that of the motion of
 # the mesh.
-TIRED = 0.3
+SLOW = 0.3
 
 
 class _CondensedSweep(InterfaceSweep):
@@ -48,10 +48,10 @@ class _CondensedSweep(InterfaceSweep):
         return self.dot(a, b)
 
     def _slow(self, iteration):
-        """Return whether a sweep has left more than TIRED of the residual: with fitting tangents it
+        """Return whether a sweep has left more than SLOW of the residual: with fitting tangents it
         is a Newton step.
         """
-        return iteration > self._renewed_at + 1 and self.convergence.contraction > TIRED
+        return iteration > self._renewed_at + 1 and self.convergence.contraction > SLOW
 
     def _condense(self, rates):
         """Put the answer of the solid into the matrix of the fluid where one of the tangents is

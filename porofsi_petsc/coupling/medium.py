@@ -88,7 +88,7 @@ class Medium:
             fluid_residuals = self.fluid.residual(self.carrier())
             solid_residual = self.solid.residual(self.flow(fluid_residuals))
             if self.convergence.reached(*self._sizes(fluid_residuals, solid_residual, rates)):
-                self.solid.require_upright()
+                self.solid.require_orientation()
                 self.solid.require_stable()
                 self.iterations = iteration
                 self.residuals = (solid_residual, fluid_residuals)

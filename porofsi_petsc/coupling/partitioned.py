@@ -76,16 +76,16 @@ class PartitionedMedium(Medium):
         Return whether lagged ones were renewed, which makes the sweep another map.
         """
         if self._travel:
-            worn = self._travel.worn(rates, self.convergence.contraction)
+            stale = self._travel.are_stale(rates, self.convergence.contraction)
         else:
-            worn = not self._linear and (
-                self.fluid.strayed(self.carrier()) or self._slow(iteration)
+            stale = not self._linear and (
+                self.fluid.volume_has_changed(self.carrier()) or self._slow(iteration)
             )
-        if worn:
+        if stale:
             self.fluid.renew_tangent(rates, self.carrier())
             self.solid.renew_tangent(rates)
             self._renewed_at = iteration
-        return worn and not self._travel
+        return stale and not self._travel
 
     def _slow(self, iteration):
         return iteration - self._renewed_at >= PATIENCE and self.convergence.slow

@@ -17,10 +17,9 @@ from scipy.special import erf, erfcx, sici
 
 TALBOT_NODES = 18  # 0.6 of it are the digits of the inversion (Abate & Whitt 2006)
 DECAY = 6.5  # ξ √(c_v t) beyond which e^(-ξ² c_v t) changes no digit
-PANEL_POINTS, PANEL_PHASE = (
-    16,
-    10.0,
-)  # Gauss points over a phase [rad] of cos(ξ x) sin(ξ a): all digits
+# Gauss points over a phase [rad] of cos(ξ x) sin(ξ a): all digits
+PANEL_POINTS = 16
+PANEL_PHASE = 10.0
 MOST_PANELS = 10_000  # c_v t/a² of 1e-8 near the load; more take gigabytes
 
 BLOCK = 1000  # points at once, which bounds the memory

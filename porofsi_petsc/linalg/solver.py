@@ -162,7 +162,7 @@ class LinearSolver:
         """
         if matrix_changed:
             self._changed = True
-            self._rebuild = self._rebuild or self.direct or self._worn()
+            self._rebuild = self._rebuild or self.direct or self._is_stale()
 
     def refactor(self) -> None:
         """Build the preconditioner, or the factor, anew at the next solve, of new values of the
@@ -225,7 +225,7 @@ class LinearSolver:
         if self in _living:
             _living.remove(self)
 
-    def _worn(self):
+    def _is_stale(self):
         if self._build_iterations is None or not self.iterations:
             return False
         return self.iterations[-1] > REUSE_FACTOR * self._build_iterations + REUSE_OFFSET

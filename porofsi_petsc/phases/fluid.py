@@ -21,7 +21,9 @@ from .residual import Residual
 from .tangent import TangentRule
 from .transfer import Flow
 
-STRAY = 0.02  # change of the volume ratio after which a lagged tangent is renewed within a step
+VOLUME_CHANGE = (
+    0.02  # change of the volume ratio after which a lagged tangent is renewed within a step
+)
 
 
 class FluidPhase:
@@ -440,14 +442,14 @@ class FluidPhase:
         self._rule.forget()
         self._assemble(skeleton, rates, self._trial_fields(skeleton))
 
-    def strayed(self, skeleton):
-        """Return whether a volume ratio differs by more than STRAY from the one in the tangent
-        (collective).
+    def volume_has_changed(self, skeleton):
+        """Return whether a volume ratio differs by more than VOLUME_CHANGE from the one in the
+        tangent (collective).
         """
         if not self.domain.n_nodes:
             return False
         change = np.abs(skeleton.configuration.J / self._tangent_J - 1).max(initial=0.0)
-        return self.mesh.comm.allreduce(float(change), MPI.MAX) > STRAY
+        return self.mesh.comm.allreduce(float(change), MPI.MAX) > VOLUME_CHANGE
 
     def expire_tangent(self):
         """Ask for a new tangent at the start of the next step."""

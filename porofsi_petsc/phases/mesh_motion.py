@@ -182,7 +182,7 @@ class MeshMotion:
             u = np.where(setup.mask, goal, u + self.mesh.halo.extend(increment))
             if setup.law.small_strain:
                 return u
-            self._require_upright(u)
+            self._require_orientation(u)
             size = self._relative(increment, u)
             if size <= TOLERANCE:
                 return u
@@ -207,7 +207,7 @@ class MeshMotion:
             setup.solve(self.solver, np.where(free, -forces, 0.0)) * free
         )
 
-    def _require_upright(self, u):
+    def _require_orientation(self, u):
         """Raise ConvergenceError where the law has no stress any more, J <= 0 (collective)."""
         H = kernel.displacement_gradient(self.domain.reference_stiffness.G, self.domain.gather(u))
         self.domain.require(det_minus_one(H) > -1, self._inverted)

@@ -87,7 +87,7 @@ class SolidSetup(PhaseSetup):
 
     mass_scaling : factor of the mass in the tangent of the split "scaled", or "optimal"
     immersed : a porous solid that a free fluid flows through, of which it feels the drag alone;
-    robin : of an interface on which α v_s is added to the traction; told : (n_local,) bool, nodes
+    robin : of an interface on which α v_s is added to the traction; driven : (n_local,) bool, nodes
     to which an interface tells their velocity; reaction : whether the force on its boundary is kept
     from step to step
     """
@@ -98,15 +98,14 @@ class SolidSetup(PhaseSetup):
     mass_scaling: float | str | None
     immersed: bool = False
     robin: InterfaceMass | None = None
-    told: np.ndarray | None = None
+    driven: np.ndarray | None = None
     reaction: bool = False
 
     @cached_property
     def mask(self):
         """Return where the displacement is no unknown of the solver, (n_local, d) bool."""
-        return (
-            self.dirichlet.mask if self.told is None else self.dirichlet.mask | self.told[:, None]
-        )
+        held = self.dirichlet.mask
+        return held if self.driven is None else held | self.driven[:, None]
 
     def new_solver(self, matrix):
         """Return the KSP of the block; its matrix is symmetric positive definite up to the state's

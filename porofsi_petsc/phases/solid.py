@@ -332,19 +332,19 @@ class SolidPhase:
             values[chunk] = stiffness.dV.sum(axis=1) * modulus * g**2
         return values
 
-    def require_upright(self):
+    def require_orientation(self):
         """Raise ConvergenceError where an element is inverted at the end of the trial step under a
         law for large strain.
         """
         domain = self.domain
-        upright = np.ones((self.domain.n_cells, 1), dtype=bool)
+        oriented = np.ones((self.domain.n_cells, 1), dtype=bool)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             if not self._setup.materials[region].elastic.small_strain:
                 H = kernel.displacement_gradient(
                     domain.reference_stiffness.G[chunk], self._u1[domain.cells[chunk]]
                 )
-                upright[chunk, 0] = (det_minus_one(H) > -1).all(axis=1)
-        domain.require(upright, self._inverted)
+                oriented[chunk, 0] = (det_minus_one(H) > -1).all(axis=1)
+        domain.require(oriented, self._inverted)
 
     def require_stable(self):
         """Raise ConvergenceError where CG has found the last tangent of a solid at rest indefinite.
@@ -400,7 +400,7 @@ class SolidPhase:
         """
         n = self.mesh.n_owned
         setup = self._setup
-        shift = np.where(setup.told[:, None] & ~setup.dirichlet.mask, -gap, 0.0)[:n]
+        shift = np.where(setup.driven[:, None] & ~setup.dirichlet.mask, -gap, 0.0)[:n]
         self.add(shift / self.scheme.c_v)
 
     def add(self, increment):

@@ -6,10 +6,9 @@ from .transfer import Rates
 
 WEAR_FACTOR = 1.5
 WEAR_OFFSET = 2
-WORN, TIRED = (
-    0.03,
-    0.5,
-)  # relative change of the state, and contraction, after which full Newton renews tangents
+# relative change of the state, and contraction, after which full Newton renews tangents
+GROWTH = 0.03
+SLOW = 0.5
 
 
 class TangentRule:
@@ -104,25 +103,25 @@ class Travel:
         """Ask for new tangents."""
         self._start = None
 
-    def worn(self, rates, contraction):
+    def are_stale(self, rates, contraction):
         """Return whether the tangents are to be made anew at the trial state, as which it is then
         remembered (collective).
 
         contraction : residual over that of the iteration before, 1 on the first
         """
         state = self._solid.unknowns, self._fluid.unknowns[:, : self._solid.mesh.dim]
-        worn = self._start is None or rates != self._rates
-        if not (worn or self._linear):
-            worn = contraction > TIRED or self._moved(state)
-        if worn:
+        stale = self._start is None or rates != self._rates
+        if not (stale or self._linear):
+            stale = contraction > SLOW or self._moved(state)
+        if stale:
             self._rates = rates
             self._start = tuple(field.copy() for field in state)
-        return worn
+        return stale
 
     def _moved(self, state):
         squares = [
             [np.vdot(a - b, a - b), np.vdot(a, a)] for a, b in zip(state, self._start, strict=True)
         ]
         return any(
-            change > WORN**2 * size for change, size in self._comm.allreduce(np.array(squares))
+            change > GROWTH**2 * size for change, size in self._comm.allreduce(np.array(squares))
         )

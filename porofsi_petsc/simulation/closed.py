@@ -46,9 +46,9 @@ def interface_scheme(scene, closed_by_solid, direct):
     factorizations
     """
     choice = scene.coupling
-    told = choice.scheme not in MONOLITHIC and choice.interface in ("auto", "dirichlet_neumann")
-    pair = "dirichlet_neumann" if told or choice.scheme in MONOLITHIC else choice.interface
-    if not closed_by_solid or not told:
+    driven = choice.scheme not in MONOLITHIC and choice.interface in ("auto", "dirichlet_neumann")
+    pair = "dirichlet_neumann" if driven or choice.scheme in MONOLITHIC else choice.interface
+    if not closed_by_solid or not driven:
         return InterfaceScheme(choice.scheme, pair)
     _require_free_choice(scene)
     robin = not direct and scene.time.scheme == "generalized_alpha" and scene.model.solid_inertia

@@ -233,7 +233,7 @@ class _Builder:
             with_hessian=False,
             mass_scaling=None,
             robin=self._masses[1] if self._pair == "robin_robin" else None,
-            told=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
+            driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             reaction=not all(
                 [has_facets(self._fluid_domain, force.on) for force in self.scene.force]
             ),

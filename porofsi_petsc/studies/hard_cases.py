@@ -19,10 +19,9 @@ LIMIT_K = 1e-5  # [m/s], permeability of the cases about the smallest step
 SMALLEST_ANGLE = 5.0  # [degrees]
 LONG = 20_000  # steps
 OWN = {"accelerator": "aitken", "on_failure": "stop"}  # [coupling]: nothing helps a case but itself
-GROWTH_BOUND, DRIFT_BOUND = (
-    1e-3,
-    1e-3,
-)  # of energy and displacement: the tolerance 1e-6 of a step, 1000 times over 20 000 steps
+# of energy and displacement: the tolerance 1e-6 of a step, 1000 times over 20 000 steps
+GROWTH_BOUND = 1e-3
+DRIFT_BOUND = 1e-3
 
 
 @dataclass(frozen=True)

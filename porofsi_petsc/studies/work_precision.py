@@ -17,14 +17,13 @@ from .soil import REPORT_ALL
 from .table import Table, as_text, markdown, sweep
 from .trial import attempt
 
-CELLS, STEPS = (
-    (0.5, 1.0, 2.0),
-    (
-        2.0,
-        1.0,
-        0.5,
-    ),
-)  # factors on the cells of each segment and on the time step
+# factors on the cells of each segment and on the time step
+CELLS = (0.5, 1.0, 2.0)
+STEPS = (
+    2.0,
+    1.0,
+    0.5,
+)
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # of the coupling, at the scene's own mesh and step
 ACCELERATORS = ("aitken", "anderson", "iqn_ils")
 MONOLITHIC = ("quasi_direct", "direct")
