@@ -10,9 +10,8 @@ from porofsi_petsc.coupling.accelerators import ACCELERATORS
 
 COMM = MPI.COMM_WORLD
 N = 8
-TOLERANCE = (
-    1e-10  # on the error of the fixed point, far above the round-off of vectors of order one
-)
+# on the error of the fixed point, far above the round-off of vectors of order one
+TOLERANCE = 1e-10
 
 
 def dot(a, b):

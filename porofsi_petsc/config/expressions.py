@@ -190,9 +190,8 @@ class Expression:
             )
             raise InputError(f"{received}, expected a finite number of at most {LARGEST:g}")
         if not self.is_constant:  # else refused where it is made
-            values[np.abs(values) < SMALLEST] = (
-                0.0  # the norm of such a load vanishes, which is not zero
-            )
+            # the norm of such a load vanishes, which is not zero
+            values[np.abs(values) < SMALLEST] = 0.0
         return values
 
     @property

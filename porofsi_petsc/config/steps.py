@@ -4,9 +4,8 @@ end.
 
 from math import inf, log, log1p
 
-RESOLUTION = (
-    1e-12  # smallest step over the time that is reached: t + dt - t is dt to three digits at least
-)
+# smallest step over the time that is reached: t + dt - t is dt to three digits at least
+RESOLUTION = 1e-12
 MOST_STEPS = 1e9  # weeks, even where a step takes a millisecond only
 
 

@@ -15,9 +15,8 @@ from .geometry import Geometry, Rule, SecondDerivatives, element_size, geometry
 # element matrices of one chunk: vectors of a residual stay in the second-level cache, calls are few
 CHUNK_BYTES = 4_000_000
 
-STRAIGHT = (
-    1e-6  # largest distance of a mid-edge node of a straight edge from its middle, over its length
-)
+# largest distance of a mid-edge node of a straight edge from its middle, over its length
+STRAIGHT = 1e-6
 
 
 class Domain:

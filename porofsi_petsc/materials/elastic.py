@@ -45,9 +45,8 @@ class ElasticLaw:
     n_s0: float = 0.0
 
     small_strain = False  # true: the stress is linear in F and the tangent constant
-    compacts = (
-        False  # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
-    )
+    # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
+    compacts = False
 
     @property
     def oedometer_modulus(self):

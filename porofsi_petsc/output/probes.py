@@ -7,9 +7,8 @@ from mpi4py import MPI
 
 from ..errors import InputError, digits
 
-TOLERANCE = (
-    1e-8  # of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
-)
+# of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
+TOLERANCE = 1e-8
 NEWTON_STEPS = 20
 NOWHERE = np.iinfo(np.int64).max
 

@@ -21,9 +21,8 @@ from .residual import Residual
 from .tangent import TangentRule
 from .transfer import Flow
 
-VOLUME_CHANGE = (
-    0.02  # change of the volume ratio after which a lagged tangent is renewed within a step
-)
+# change of the volume ratio after which a lagged tangent is renewed within a step
+VOLUME_CHANGE = 0.02
 
 
 class FluidPhase:

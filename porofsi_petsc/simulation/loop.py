@@ -50,9 +50,8 @@ class Clock:
         self.cuts = 0
         self.load_parts = 0
         self.nominal = section.step
-        self.target = self.substep = (
-            None  # end and size of the parts of a nominal step that was cut
-        )
+        # end and size of the parts of a nominal step that was cut
+        self.target = self.substep = None
         self.halvings = 0  # of that step
         self.end = section.end
         self.fall_backs = dict.fromkeys(WORDING, 0)  # remedy -> steps that converged with it only

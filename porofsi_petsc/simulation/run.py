@@ -27,9 +27,8 @@ from .records import Records
 from .report import summarize
 from .simulation import Simulation
 
-FIGURE_ELEMENTS = (
-    2_000_000  # above, one rank does not read whole fields; `porofsi plot` still draws them
-)
+# above, one rank does not read whole fields; `porofsi plot` still draws them
+FIGURE_ELEMENTS = 2_000_000
 
 
 def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
