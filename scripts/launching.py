@@ -18,9 +18,8 @@ LAUNCH = {
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
     "PRTE_MCA_hwloc_default_binding_policy": "none",
 }
-GIVE_WAY = {
-    "OMPI_MCA_mpi_yield_when_idle": "1"
-}  # a rank that waits leaves its core to the others: not for measured times
+# A rank that waits leaves its core to the others: not for measured times.
+GIVE_WAY = {"OMPI_MCA_mpi_yield_when_idle": "1"}
 
 
 def environment():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from linalg_model import FluidBlock
 from mpi4py import MPI
+from running import HELPERS, ROOT
 
 from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.linalg import options
@@ -101,9 +102,8 @@ modes = rigid_body_modes(block.X_owned, MPI.COMM_SELF)
 solver = LinearSolver(block.matrix("solid_").mat, "solid_", solid_defaults(2, False), modes)
 solver.solve(block.load())
 """
-    here = os.path.dirname(os.path.abspath(__file__))
     env = os.environ | {
-        "PYTHONPATH": os.pathsep.join([here, os.path.dirname(here)]),
+        "PYTHONPATH": os.pathsep.join([str(HELPERS), str(ROOT)]),
         "OMP_NUM_THREADS": "1",
     }
     done = subprocess.run(

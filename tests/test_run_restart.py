@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from running import (
+    HELPERS,
     SCENES,
     Job,
     complete,
@@ -120,7 +121,7 @@ def kill(job, folder, place="after a step", ranks=None):
     """
     script = folder / "killed.py"
     todo = folder / "job.json"
-    script.write_text(f"import sys\nsys.path.insert(0, {str(SCENES.parent)!r})\n{KILLED}")
+    script.write_text(f"import sys\nsys.path.insert(0, {str(HELPERS)!r})\n{KILLED}")
     todo.write_text(json.dumps(asdict(job)))
     launcher = ["mpirun", "-n", str(ranks)] if ranks else []
     result = complete([*launcher, sys.executable, str(script), str(todo), place])

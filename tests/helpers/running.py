@@ -19,8 +19,9 @@ import pytest
 from porofsi_petsc import load_scene
 from porofsi_petsc.output.history import read_history
 
-ROOT = Path(__file__).resolve().parent.parent
-SCENES = Path(__file__).resolve().parent / "scenes"
+ROOT = Path(__file__).resolve().parents[2]
+SCENES = ROOT / "tests" / "scenes"
+HELPERS = Path(__file__).resolve().parent
 needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 
 
