@@ -5,7 +5,6 @@ Nothing heavy is imported before a command needs it, so that --help answers at o
 
 import math
 import sys
-import time
 import traceback
 from contextlib import suppress
 from pathlib import Path
@@ -15,15 +14,9 @@ import click
 from . import __version__
 from .errors import InputError, PorofsiError
 
-# [s] that a failing rank waits for the others to fail in the same way before it ends the job
-AGREEMENT_TIME = 5.0
-
 
 class Job:
-    """The ranks of this run and their common end.
-
-    A private duplicate of the world communicator, so that its barrier never meets another message.
-    """
+    """The ranks of this run and their common end."""
 
     def __init__(self):
         try:
@@ -36,6 +29,9 @@ class Job:
             raise InputError(
                 f"mpi4py cannot load MPI ({' '.join(str(error).split())}); {text}"
             ) from error
+        from .linalg.agreement import Agreement
+
+        self._agreement = Agreement(MPI.COMM_WORLD)
         self.comm = MPI.COMM_WORLD.Dup()
         if self.comm.size > 1:
             sys.excepthook = self.abort
@@ -45,14 +41,6 @@ class Job:
         lines = "".join(traceback.format_exception(kind, error, trace))
         _complain(f"rank {self.comm.rank} of {self.comm.size} failed:\n{lines}")
         self.comm.Abort(1)
-
-    def everyone_fails(self):
-        """Tell whether all ranks arrive here within the agreement time."""
-        request = self.comm.Ibarrier()
-        deadline = time.monotonic() + AGREEMENT_TIME
-        while not (arrived := request.Test()) and time.monotonic() < deadline:
-            time.sleep(0.01)
-        return arrived
 
     def agree(self, action):
         """Return the action's value; raise the first rank's InputError on all ranks when it fails
@@ -73,7 +61,7 @@ class Job:
         """End with the error's exit code; rank 0 speaks for all, a rank alone speaks for itself and
         ends the job.
         """
-        together = self.comm.size == 1 or self.everyone_fails()
+        together = self.comm.size == 1 or self._agreement.everyone_fails()
         if self.comm.rank == 0 or not together:
             _complain(f"error: {error}")
         if not together:

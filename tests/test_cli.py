@@ -174,14 +174,14 @@ STUBBED = """
 import sys, types
 from mpi4py import MPI
 from porofsi_petsc import errors, log
-from porofsi_petsc.linalg import options
+from porofsi_petsc.linalg import agreement, options
 def run(*_):
     {action}
     MPI.COMM_WORLD.Barrier()
 options.start = lambda *_: None
 sys.modules["porofsi_petsc.simulation"] = types.SimpleNamespace(run=run)
-from porofsi_petsc import __main__ as command_line, commands
-commands.AGREEMENT_TIME = 0.5
+from porofsi_petsc import __main__ as command_line
+agreement.AGREEMENT_TIME = 0.5
 sys.argv = ["porofsi", "run", "pulse2d"]
 command_line.main()
 """

@@ -53,3 +53,38 @@ def test_a_solver_that_was_chosen_is_left_as_it_is(tmp_path):
         ConvergenceError, match="solid_ .cg, gamg. failed with DIVERGED_INDEFINITE_MAT"
     ):
         run_here(Job(BLOCK, str(tmp_path / "run"), stop, petsc_options=("-solid_ksp_type", "cg")))
+
+
+EULER = 2056.0  # π² E I/(4 L² h), I = h³/12, of the column below [Pa]
+COLUMN = """
+title = "A slender column under an axial load"
+limits.strain = "report"
+mesh.kind = "rectangle"
+mesh.order = 2
+mesh.diagonal = "alternating"
+mesh.x = { points = [0.0, 0.1], cells = [2] }
+mesh.y = { points = [0.0, 1.0], cells = [10] }
+time = { scheme = "steady", end = 1.0, step = 1.0 }
+boundary = [
+    { on = "bottom", displacement = { x = 0.0, y = 0.0 } },
+    { on = "top", traction = { y = -1.0 } },
+    { on = ["left", "right"] },
+]
+
+[[material]]
+region = "all"
+solid = { law = "neo_hookean", young = 1e6, poisson = 0.0, density = 1000.0 }
+"""
+
+
+@pytest.mark.parametrize("factor, stands", [(0.9, True), (1.1, False), (15.0, False)])
+def test_a_factorization_finds_what_buckles_too(factor, stands, tmp_path):
+    """Euler's load is that of a column that is not shortened and has no shear: within 2 %."""
+    (tmp_path / "column.toml").write_text(COLUMN)
+    load = (f"boundary.1.traction.y={-factor * EULER}",)
+    job = Job(str(tmp_path / "column.toml"), str(tmp_path / "run"), load)
+    if stands:
+        assert run_here(job)["exit_code"] == 0
+        return
+    with pytest.raises(ConvergenceError, match="the equilibrium of the solid is unstable"):
+        run_here(job)

@@ -19,6 +19,7 @@ from porofsi_petsc.materials import (
     law,
     parameter,
 )
+from porofsi_petsc.materials.contract import check_elastic
 from porofsi_petsc.materials.from_energy import invariants
 
 pytestmark = pytest.mark.usefixtures("petsc")
@@ -152,3 +153,61 @@ def test_packages_bring_laws_by_entry_points(monkeypatch):
     monkeypatch.setattr(law, "entry_points", lambda group: [entry] if group == entry.group else [])
     found = law.Registry("elastic law", "porofsi_petsc.elastic", {})
     assert list(found) == ["of_a_package"] and found["of_a_package"] is NeoHookeanByEnergy
+
+
+def broken(**members):
+    """Return a law with other members than that of `NeoHookeanByEnergy`."""
+    return type("Broken", (NeoHookeanByEnergy,), members)
+
+
+def energy(density):
+    return {"energy": lambda self, H: density(self, H)}
+
+
+RIGHT = NeoHookeanByEnergy.energy
+
+
+@pytest.mark.parametrize(
+    "members, message",
+    [
+        (energy(lambda s, H: RIGHT(s, H) + 0.1 * s.mu * H[..., 0, 0]), "stress of .* at rest"),
+        (energy(lambda s, H: 2 * RIGHT(s, H)), "the tangent at rest is not that of λ = 1.7"),
+        (energy(lambda s, H: RIGHT(s, H) + H[..., 0, 1] ** 3), "does not turn with the body"),
+        (energy(lambda s, H: RIGHT(s, np.abs(H))), "expected none|not the slope|at rest"),
+        (energy(lambda s, H: H.sum()), "expected real numbers|could not broadcast|at rest"),
+        ({"tangent": lambda s, H: 0 * H[..., None, None] + np.ones(H.shape[-2:])}, "at rest"),
+    ],
+    ids=["stressed", "stiffer", "turning", "abs", "shape", "tangent"],
+)
+def test_a_law_that_breaks_the_contract_is_refused(members, message):
+    with pytest.raises(ValueError, match=f"elastic law 'broken': .*({message})"):
+        ELASTIC.register("broken")(broken(**members))
+    assert "broken" not in ELASTIC
+
+
+@pytest.mark.parametrize("key", ["law", "density", "young", "copy", "model_fields"])
+def test_a_parameter_has_a_name_of_its_own(key):
+    made = dataclass(frozen=True)(
+        type(
+            "Named",
+            (NeoHookeanByEnergy,),
+            {"__annotations__": {key: float}, key: parameter("-", "x", example=1.0)},
+        )
+    )
+    with pytest.raises(ValueError, match=f"the parameter '{key}' has the name of something else"):
+        ELASTIC.register("named")(made)
+    load_scene("ehlers_eipper")  # scenes are read as before
+
+
+def test_a_permeability_is_one_at_rest():
+    class Twice(Linear):
+        def factor(self, J, n_s0):
+            return 2 * J**self.power
+
+    with pytest.raises(ValueError, match="permeability law 'twice': k/k0 = 2 at J = 1, expected 1"):
+        PERMEABILITY.register("twice")(Twice)
+
+
+@pytest.mark.parametrize("name", ELASTIC)
+def test_the_laws_of_the_package_keep_the_contract(name):
+    check_elastic(ELASTIC[name])

@@ -2,10 +2,12 @@
 arrays.
 """
 
+import sys
+
 import numpy as np
 import pytest
 from mpi4py import MPI
-from running import Job, history, run_here
+from running import Job, complete, history, needs_mpirun, run_here
 
 from porofsi_petsc import Simulation, load_scene, read_fields, read_history, run
 from porofsi_petsc.errors import InputError, LimitError
@@ -76,11 +78,15 @@ def test_until_ends_there_and_nowhere_else():
         simulation.step()
         assert simulation.time == pytest.approx(0.007, rel=1e-14)
         with pytest.raises(
-            InputError, match="until: received 0.001 s, expected a time from 0.007 s"
+            InputError, match="until: received 0.001 s, expected 0.007 s, where the simulation is"
         ):
             simulation.run(until=1e-3)
         with pytest.raises(InputError, match="to time.end = 0.02 s"):
             simulation.run(until=1.0)
+        with pytest.raises(InputError, match="or a time from"):  # permeability is not to blame
+            simulation.run(until=simulation.time * (1 + 1e-14))
+        simulation.run(until=simulation.time)
+        assert simulation.steps == 4
 
 
 def test_every_callback_is_called_and_one_can_end_the_run():
@@ -110,6 +116,31 @@ def test_a_limit_leaves_the_step_that_passed_it():
         with pytest.raises(LimitError):
             simulation.step()
         assert simulation.steps == len(simulation.history["t"]) - 1 == 1
+
+
+def test_a_closed_simulation_keeps_its_fields_and_makes_no_step():
+    """PETSc would end the process with a segmentation fault."""
+    with column() as simulation:
+        simulation.step()
+    simulation.close()
+    assert simulation.fields["pressure"].max() > 1e3
+    for advance in (simulation.step, simulation.run):
+        with pytest.raises(InputError, match="the simulation is closed"):
+            advance()
+
+
+def test_a_callback_that_comes_within_a_run_stays():
+    seen = []
+    with column() as simulation:
+        late = [lambda s: s.callbacks.append(lambda s: seen.append(s.steps))]
+        simulation.run(until=0.002, callbacks=late)
+        simulation.step()
+    assert seen == [2]
+
+
+def test_a_checkpoint_makes_its_folder(tmp_path):
+    with column() as simulation:
+        assert simulation.checkpoint(tmp_path / "a" / "b").is_file()
 
 
 # -- scenes and loads of Python --------------------------------------------------------------------
@@ -186,13 +217,53 @@ def test_a_run_with_a_function_restarts_by_its_name(tmp_path):
 @pytest.mark.parametrize(
     "function, message",
     [
-        (lambda t, X: np.zeros((len(X), 2)), "received an array of shape"),
+        (lambda t, X: np.zeros((len(X), 2)), r"values of float64 of shape \(\d+, 2\) for \d+ points"),
         (lambda t, X: np.full(len(X), np.nan), "expected a finite number"),
     ],
 )
 def test_what_a_function_returns_is_checked(function, message):
     with pytest.raises(InputError, match=message):
         Simulation.from_scene(tables(function), MPI.COMM_SELF).run()
+
+
+def test_a_function_that_changes_its_points_changes_nothing():
+    """They are those of the mesh, if they are not a copy."""
+
+    def start(t, X):
+        X *= 0.5
+        return 0 * X[:, 0]
+
+    changed = tables(ramp) | {"initial": {"displacement": {"y": start}}}
+    found = []
+    for scene in (changed, tables(ramp)):
+        with Simulation.from_scene(scene, MPI.COMM_SELF) as simulation:
+            simulation.run()
+            found.append(simulation.history["base.p"][-1])
+    assert found[0] == found[1]
+
+
+def test_numbers_and_arrays_of_numpy_are_numbers_and_lists():
+    own = tables(np.int64(-10))
+    own["mesh"]["y"]["cells"] = np.array([8])
+    own["mesh"]["x"]["points"] = (0.0, np.float32(0.5))
+    assert load_scene(own).mesh.y.cells == (8,)
+    assert load_scene(own).boundary[2].traction.y.source == -10.0
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["-1e4", None, True, 1j, np.ma.masked_all(1)],
+    ids=["text", "none", "bool", "complex", "mask"],
+)
+def test_a_function_returns_real_numbers(value):
+    with pytest.raises(InputError, match=r"boundary.2.traction.y\]: .*(real numbers|finite)"):
+        Simulation.from_scene(tables(lambda t, X: value), MPI.COMM_SELF).run()
+
+
+def test_a_function_of_numpy_is_a_function():
+    with pytest.raises(InputError, match="of Python, which no file can hold"):
+        load_scene(tables({"function": "numpy.sin"}))
+    assert "sin" in load_scene(tables(np.sin)).boundary[2].traction.y.source["function"]
 
 
 def test_a_scene_of_python_is_validated_like_a_file():
@@ -239,3 +310,37 @@ def test_gathered_fields_do_not_depend_on_the_ranks():
             )
     else:
         assert all(array is None for array in found.values())
+
+
+@pytest.mark.mpi
+def test_a_callback_that_is_true_on_one_rank_ends_the_run_on_all():
+    with column(comm=COMM) as simulation:
+        simulation.run(callbacks=[lambda s: s.steps == 3 and COMM.rank == COMM.size - 1])
+        assert simulation.steps == 3
+
+
+ALONE = """
+from mpi4py import MPI
+from porofsi_petsc import Simulation
+rank = MPI.COMM_WORLD.rank
+
+def watch(simulation):
+    if rank == 1 and simulation.steps == 2:
+        raise {error}
+
+with Simulation.from_scene("terzaghi", overrides=["time.end=0.02", "expect=[]"]) as simulation:
+    simulation.run(callbacks=[watch])
+"""
+
+
+@needs_mpirun
+@pytest.mark.parametrize(
+    "error, code, said",
+    [("ZeroDivisionError('one of us')", 1, "one of us"), ("SystemError('x')", 1, "rank 1 of 2")],
+)
+def test_an_error_of_one_rank_ends_the_job_of_all(error, code, said, tmp_path):
+    """The others wait for it in the next step, for ever."""
+    script = tmp_path / "alone.py"
+    script.write_text(ALONE.format(error=error))
+    done = complete(["mpirun", "-n", "2", sys.executable, str(script)], timeout=100)
+    assert done.returncode == code and said in done.stderr

@@ -96,8 +96,6 @@ mesh.order = 2
 mesh.x = { points = [0.0, 1.0], cells = [4] }
 mesh.y = { points = [0.0, 1.0], cells = [4] }
 time = { scheme = "steady", end = 3.0, step = 1.0 }
-material = [{ region = "body",
-    solid = { law = "neo_hookean", young = 1e6, poisson = 0.49, density = 1000.0 } }]
 boundary = [
     { on = "left", displacement = { x = 0.0 } },
     { on = "bottom", displacement = { y = 0.0 } },
@@ -105,6 +103,10 @@ boundary = [
     { on = "right" },
 ]
 probe = [{ name = "corner", at = [1.0, 1.0], quantities = ["u_x"] }]
+
+[[material]]
+region = "body"
+solid = { law = "neo_hookean", young = 1e6, poisson = 0.49, density = 1000.0 }
 """
 
 

@@ -5,6 +5,7 @@ evaluated on many points at once.
 import ast
 import math
 import sys
+from numbers import Real
 
 import numpy as np
 import simpleeval
@@ -105,12 +106,12 @@ SYNTAX = (
 class Expression:
     """A scalar function of time and position.
 
-    value : a number, a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of
-    `FUNCTIONS`, comparisons, which
-        count as 1 and 0 where a number is wanted, and & | ~ between comparisons), or {"table":
-        "load.csv", "column": "force"}: linear between the rows, constant beyond the ends; the first
-        column is t, the column defaults to the second. or a function of Python, (t, X) -> values,
-        for t [s] and points X (n, d) [m], n may be 0: an array (n,) or one number.
+    value : a number; a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of
+        `FUNCTIONS`, comparisons, which count as 1 and 0 where a number is wanted, and & | ~ between
+        comparisons); {"table": "load.csv", "column": "force"}: linear between the rows, constant
+        beyond the ends, the first column is t, the column defaults to the second; or a function of
+        Python, (t, X) -> values, for t [s] and points X (n, d) [m], n may be 0: an array (n,) or
+        one number.
     folder : where a relative table path starts.
     content : hash of the numbers of a table, None for what is not one.
     Raises InputError when the value is none of these, or the formula fails in a trial at one point.
@@ -133,16 +134,12 @@ class Expression:
         elif callable(value):
             self.function = value
             self._evaluate = _called(value)
-            self.source = {
-                FUNCTION: (
-                    f"{value.__module__}.{getattr(value, '__qualname__', type(value).__name__)}"
-                )
-            }
+            self.source = {FUNCTION: _name_of(value)}
             self.names = frozenset(VARIABLES[:3])  # z too where there is one
         elif isinstance(value, str):
             self.source = value
             self.names, self._evaluate = _formula(value)
-        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        elif isinstance(value, Real) and not isinstance(value, bool):
             self.source = self._number(value)
             self._evaluate = lambda t, x: np.float64(self.source)
         else:
@@ -176,7 +173,10 @@ class Expression:
         one is not finite or huge.
         """
         values = np.empty(len(x))
-        values[:] = self._evaluate(t, x)
+        try:
+            values[:] = self._evaluate(t, x)
+        except InputError as error:
+            raise InputError(f"{self.place}{error}") from None
         usable = np.abs(values) <= LARGEST  # NaN is not
         if not usable.all():
             first = int(np.argmin(usable))
@@ -212,16 +212,26 @@ class Expression:
         return f"Expression({self.source!r})"
 
 
+def _name_of(function):
+    """Return the name of a function of Python, by which a restart compares it."""
+    name = getattr(function, "__qualname__", None) or getattr(function, "__name__", None)
+    return f"{getattr(function, '__module__', None) or ''}.{name or type(function).__name__}"
+
+
 def _called(function):
-    """Return the function of (t, x) whose values have the shape that is asked for; raise InputError
-    where they have not.
+    """Return the function of (t, x) that gives what a function of Python returns for a copy of x.
+
+    It raises InputError where that is not one real number for each point, or for all.
     """
 
     def evaluate(t, x):
-        values = np.asarray(function(t, x), dtype=float)
-        if values.shape not in ((), (len(x),)):
-            received = f"received an array of shape {values.shape} for {len(x)} points"
-            raise InputError(f"{function}: {received}, expected ({len(x)},) or one number")
+        values = np.ma.filled(np.ma.asarray(function(t, x.copy())), np.nan)
+        if values.dtype.kind not in "iuf" or values.shape not in ((), (len(x),)):
+            kind = f"values of {values.dtype} of shape {values.shape} for {len(x)} points"
+            raise InputError(
+                f"function {_name_of(function)}: received {kind}, expected real numbers of shape"
+                f" ({len(x)},) or one"
+            )
         return values
 
     return evaluate

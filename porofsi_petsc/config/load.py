@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 from pydantic import ValidationError
 
@@ -32,11 +33,22 @@ def load_scene(
     : apply the scene's [smoke] table first. Raises InputError, one line per mistake.
     """
     if isinstance(source, Mapping):
-        return _validated(dict(source), "scene", Path.cwd(), overrides, smoke)
+        return _validated(_plain(source), "scene", Path.cwd(), overrides, smoke)
     path = find_scene(source)
     scene = _validated(read_toml(path), _short(path), path.resolve().parent, overrides, smoke)
     scene._source_path = path.resolve()
     return scene
+
+
+def _plain(value):
+    """Return the tables of a scene with numbers and lists as TOML has them, in place of NumPy's."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    return value
 
 
 def _validated(tables, name, folder, overrides, smoke):

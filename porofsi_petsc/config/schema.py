@@ -129,6 +129,22 @@ class Scene(Table):
         return model.completed(info.data["material"], info.data["time"].scheme == "steady")
 
     @model_validator(mode="after")
+    def _complete_time(self):
+        """Take rho_inf = 0 by default where nothing has inertia.
+
+        With alpha_f = 1/(1 + rho_inf) < 1 what is known at alpha_f, such as the displacement that
+        balances a sudden load, is overshot by 1/alpha_f at the end of the step and rings as
+        (-rho_inf)^n, for any size of the step.
+        """
+        has_solid, has_fluid = self.phases
+        inertia = (has_solid and self.model.solid_inertia) or (
+            has_fluid and not has_solid and self.model.fluid_inertia
+        )
+        if inertia or "rho_inf" in self.time.model_fields_set:
+            return self
+        return self.model_copy(update={"time": self.time.model_copy(update={"rho_inf": 0.0})})
+
+    @model_validator(mode="after")
     def _sections_agree(self):
         check_materials(self.material, self.model.viscosity)
         check_boundaries(self.boundary, self.model.viscosity is True, self.is_porous)
@@ -161,8 +177,8 @@ class Scene(Table):
                     )
             if self.force:
                 raise wrong(
-                    "received a surface with porous materials, expected a free fluid, which has a"
-                    " force on it",
+                    "received a surface with porous materials, expected one of a free fluid or of"
+                    " a solid without pores",
                     "force.0",
                 )
             return

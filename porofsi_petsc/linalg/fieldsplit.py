@@ -29,7 +29,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from .options import has_package
-from .solver import direct_defaults
+from .solver import COUNTED, direct_defaults
 
 _PRESSURE = {
     "pc_type": "python",
@@ -103,17 +103,20 @@ def fluid_defaults(
     )
 
 
-def solid_defaults(dim: int, direct: bool, symmetric: bool = True) -> dict[str, object]:
+def solid_defaults(
+    dim: int, direct: bool, symmetric: bool = True, counted: bool = False
+) -> dict[str, object]:
     """Return the option defaults of the displacement solver: CG with GAMG, or a factorization.
 
     GAMG takes the rigid-body modes given to `LinearSolver`.  Other choices by option string:
     `-solid_pc_type hypre`, `-solid_pc_type bjacobi -solid_sub_pc_type icc` (best when inertia
     dominates), or pyamg (see `pyamg_pc`).
-    symmetric : false for a matrix that is not, which then gets GMRES (and LU instead of LDL^T).
+    symmetric : false for a matrix that is not, which then gets GMRES (and LU instead of LDL^T);
+    counted : whether MUMPS counts negative pivots (`LinearSolver.is_indefinite`).
     """
     factor = direct_defaults(symmetric) if direct else None
     if factor is not None:
-        return factor
+        return factor | (COUNTED if counted and has_package("mumps") else {})
     return {
         "ksp_type": "cg" if symmetric else "gmres",
         "ksp_rtol": 1e-4,

@@ -18,6 +18,9 @@ from .stopwatch import stage
 
 REUSE_FACTOR = 1.5
 REUSE_OFFSET = 2
+# Option of MUMPS with which it counts the negative pivots of all ranks: a root on one of them.
+COUNTED = {"mat_mumps_icntl_13": 1}
+NEGATIVE_PIVOTS = 12  # which of MUMPS' INFOG is their number
 RESTART = 100  # of GMRES; with PETSc's 30 it stalls on matrices that are nearly singular as well
 _REASONS = {
     number: name
@@ -316,6 +319,19 @@ class LinearSolver:
                 raise
             self._b, self._x = self._b.copy(), self._x.duplicate()  # PETSc has left them locked
             self.ksp.solve(self._b, self._x)
+
+    def is_indefinite(self) -> bool:
+        """Return whether the last matrix is known to be indefinite: CG broke down on it, or its
+        LDLᵀ by MUMPS has negative pivots (collective).
+
+        On several ranks MUMPS counts all of them with `COUNTED` alone.
+        """
+        pc = self.ksp.getPC()
+        if self.broke_down or pc.getType() != PETSc.PC.Type.CHOLESKY:
+            return self.broke_down
+        if pc.getFactorSolverType() != "mumps":
+            return False
+        return pc.getFactorMatrix().getMumpsInfog(NEGATIVE_PIVOTS) > 0
 
     def _raise(self, reason):
         error = self._failure(reason)

@@ -2,6 +2,7 @@
 `register` in a script.
 """
 
+from .contract import check_elastic
 from .elastic import (
     EhlersEipper,
     ElasticLaw,
@@ -29,6 +30,8 @@ ELASTIC = Registry(
         "xie_leo": XieLeo,
         "ehlers_eipper": EhlersEipper,
     },
+    taken=("lambda", "lambda_", "lam", "mu", "n_s0", "young", "poisson", "density"),
+    check=check_elastic,
 )
 
 MESH_MOTION = {"harmonic": Harmonic, "linear_elastic": LinearElastic, "neo_hookean": NeoHookean}

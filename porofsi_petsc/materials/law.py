@@ -3,7 +3,7 @@ a registry.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
@@ -54,6 +54,10 @@ def examples(law: type) -> dict[str, float]:
     return {name: entry.example for name, entry in parameters(law).items()}
 
 
+# Names that the table of a law has in a scene, whatever the law.
+OF_TABLES = frozenset("law of_law common copy dict json schema construct validate".split())
+
+
 class Registry(Mapping):
     """Name in a scene -> law.  Packages add theirs by entry points of the group, scripts by
     `register`.
@@ -61,19 +65,31 @@ class Registry(Mapping):
     changed : called after a law has come
     """
 
-    def __init__(self, kind: str, group: str, laws: Mapping[str, type]):
+    def __init__(
+        self,
+        kind: str,
+        group: str,
+        laws: Mapping[str, type],
+        taken: Iterable[str] = (),
+        check: Callable[[type], None] = lambda law: None,
+    ):
         """Take what its laws are called in messages, the group of entry points, and the laws of
-        this package.
+        this package; taken : keys of the scene that no parameter may have; check : raises
+        ValueError where a law that comes breaks the contract.
         """
         self._kind = kind
         self._group = group
+        self._taken = OF_TABLES | frozenset(taken)
+        self._check = check
         self._laws = dict(laws)
         self._complete = False
         self.changed: list[Callable[[], None]] = []
 
     def register(self, name: str) -> Callable[[type], type]:
-        """Return the decorator that adds a law under a name; ValueError where the name is taken by
-        another.
+        """Return the decorator that adds a law under a name.
+
+        It raises ValueError where the name is taken by another, and where the law breaks the
+        contract of its kind.
         """
 
         def add(law: type) -> type:
@@ -94,7 +110,23 @@ class Registry(Mapping):
                 f"{self._kind} '{name}': the name has {known.__qualname__} of {known.__module__},"
                 " take another"
             )
+        try:
+            self._check_parameters(law)
+            self._check(law)
+        except Exception as error:
+            raise ValueError(f"{self._kind} '{name}': {error}") from error
         self._laws[name] = law
+
+    def _check_parameters(self, law):
+        for key, entry in parameters(law).items():
+            if key in self._taken or key.startswith(("_", "model_")):
+                raise ValueError(f"the parameter '{key}' has the name of something else")
+            for what in ("default", "example"):
+                value = getattr(entry, what)
+                low = entry.above is not None and value is not None and value <= entry.above
+                high = entry.at_most is not None and value is not None and value > entry.at_most
+                if low or high or value != value:
+                    raise ValueError(f"the {what} of '{key}', {value}, is out of its range")
 
     @property
     def _all(self):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .contract import check_permeability
 from .law import Registry, parameter
 
 
@@ -91,4 +92,6 @@ PERMEABILITY = Registry(
         "kozeny_carman": KozenyCarman,
         "xie_leo": XieLeo,
     },
+    taken=("k", "intrinsic"),
+    check=check_permeability,
 )

@@ -60,14 +60,15 @@ class PhaseSetup:
         """Return the same setup on another domain of the mesh."""
         return replace(self, domain=domain)
 
-    def displacement_solver(self, matrix, prefix):
-        """Return the KSP of a symmetric matrix of displacements (collective)."""
+    def displacement_solver(self, matrix, prefix, counted=False):
+        """Return the KSP of a symmetric matrix of displacements; counted : of `solid_defaults`
+        (collective).
+        """
         mesh = self.domain.mesh
         matrix.declare_symmetric()
         modes = rigid_body_modes(mesh.X[self.domain.nodes], mesh.comm)
-        return LinearSolver(
-            matrix.mat, prefix, solid_defaults(mesh.dim, self.direct), near_nullspace=modes
-        )
+        defaults = solid_defaults(mesh.dim, self.direct, counted=counted)
+        return LinearSolver(matrix.mat, prefix, defaults, near_nullspace=modes)
 
     def solve(self, solver, rhs):
         """Return the solution on the owned nodes for a right side, both (n_owned, m); zero outside
@@ -111,7 +112,12 @@ class SolidSetup(PhaseSetup):
         """Return the KSP of the block; its matrix is symmetric positive definite up to the state's
         geometric stiffness.
         """
-        return self.displacement_solver(matrix, "solid_")
+        return self.displacement_solver(matrix, "solid_", self.is_static)
+
+    @property
+    def is_static(self):
+        """Return whether the tangent of the elastic forces alone decides the stability."""
+        return not (self.inertia or self.porous)
 
 
 @dataclass(frozen=True)

@@ -347,15 +347,12 @@ class SolidPhase:
         domain.require(oriented, self._inverted)
 
     def require_stable(self):
-        """Raise ConvergenceError where CG has found the last tangent of a solid at rest indefinite.
+        """Raise ConvergenceError where the last tangent of a solid at rest is known to be
+        indefinite (collective).
 
         In a porous solid and with inertia other terms than this tangent's decide.
         """
-        if (
-            self.solver
-            and self.solver.broke_down
-            and not (self._setup.inertia or self._setup.porous)
-        ):
+        if self._setup.is_static and self.solver and self.solver.is_indefinite():
             raise ConvergenceError(
                 "the equilibrium of the solid is unstable, its tangent is indefinite:"
                 " it buckles before the load is reached",

@@ -83,6 +83,8 @@ class Continuation:
             failure = error
         coupling = self._coupling
         accepted = coupling.state(), coupling.memory()
+        text = "step %d does not converge from the state before: now along the load, part by part"
+        logger.info(text, self._clock.step + 1)
         try:
             self._count(self._along(schemes, rates))
         except ConvergenceError:
@@ -115,6 +117,7 @@ class Continuation:
             iterations = iterations + coupling.iterations
             self._reached = self._factor.value
             part = 2 * part
+            logger.info("%.3g of the load, %d iterations", self._reached, coupling.iterations)
             if self._reached < 1:
                 coupling.accept()
         coupling.iterations = iterations

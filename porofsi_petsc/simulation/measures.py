@@ -11,6 +11,7 @@ from mpi4py import MPI
 from ..config.sections import LIMIT_OF
 from ..errors import LimitError
 from ..fem.essential import owned_nodes
+from ..fem.geometry import Rule, geometry
 from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain
@@ -21,10 +22,12 @@ from .lasting import Lasting
 from .reference import Comparison
 from .setups import materials_of
 
+STRESS_DOUBLES = 60  # of work at a point of the stress: gradients, tensors of three dimensions
+
 
 class NodalAverage:
-    """Average of element values over the elements of a node, weighted by their volume; exact for
-    constants on any order.
+    """Average over the elements of a node, weighted by their volume, of element values or of those
+    that each element has at the node; exact for constants on any order.
     """
 
     def __init__(self, domain):
@@ -35,11 +38,13 @@ class NodalAverage:
 
     def _spread(self, values):
         A = self._domain.cells.shape[1]
-        return np.repeat((values * self._volume[:, None])[:, None], A, axis=1)
+        if values.ndim == 2:
+            values = np.repeat(values[:, None], A, axis=1)
+        return values * self._volume[:, None, None]
 
     def __call__(self, cell_values):
-        """Return the nodal values (n_owned, k) of element values (E, k), zero outside of the
-        domain.
+        """Return the nodal values (n_owned, k) of values (E, k) of the elements or (E, A, k) at
+        their nodes; zero outside of the domain.
         """
         total = self._domain.scatter_add(self._spread(cell_values))
         return np.divide(total, self._total, out=np.zeros_like(total), where=self._total > 0)
@@ -130,13 +135,15 @@ class Measures:
     def stress(self, u):
         """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy,
         yz, zz (2-D: plane strain).
+
+        That of the displacement gradient which each element has at the node, averaged over the
+        elements there: of the order of the gradient, at a boundary too.
         """
         domain = self._solid
-        nodal = domain.gather(u)
-        values = np.empty((domain.n_cells, 6))
-        for region, span in domain.region_slices.items():
+        values = np.empty((*domain.cells.shape, 6))
+        for region, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
             H = _three_dimensional(
-                displacement_gradient(domain.reference_stiffness.G[span], nodal[span])
+                displacement_gradient(self._at_nodes(chunk).G, domain.gather(u, chunk))
             )
             law = self._materials[region].elastic
             P = law.stress(H)
@@ -146,11 +153,18 @@ class Measures:
                 if law.small_strain
                 else (P @ transpose(F)) / (1 + det_minus_one(H))[..., None, None]
             )
-            mean = cauchy.mean(axis=1)
-            values[span] = np.stack(
-                [mean[:, i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1
-            )
+            pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+            values[chunk] = np.stack([cauchy[..., i, j] for i, j in pairs], axis=-1)
         return self._in_solid(values)
+
+    def _at_nodes(self, chunk):
+        """Return the `Geometry` of some elements of the solid at their nodes, reference
+        configuration.
+        """
+        element = self._solid.element
+        nodes = element.node_coordinates
+        rule = Rule(element.shape(nodes), element.gradient(nodes), np.ones(len(nodes)))
+        return geometry(rule, self._solid.gather(self._mesh.X, chunk))
 
     # -- oscillation -------------------------------------------------------------------------------
 
@@ -410,8 +424,10 @@ def _omissions(scene, materials):
         meaning = f"largest strain and rotation, |grad u|{width} on the fixed mesh"
         yield left_out("mesh_displacement", "moving_mesh", "set model.moving_mesh = true", meaning)
     if not model.convection and fluids:
+        lasts = scene.is_porous and scene.time.scheme != "steady"
         meaning = "convection over transient, drag and viscous forces at element scale"
-        yield left_out("reynolds", "convection", "set model.convection = true", meaning)
+        meaning += ", where it lasts" if lasts else ""
+        yield left_out("reynolds", "convection", "set model.convection = true", meaning, lasts)
     for phase, present in (("solid", solids), ("fluid", fluids)):
         term = f"{phase}_inertia"
         if not getattr(model, term) and present and scene.time.scheme != "steady":

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from ..compiled import compilation_notice
 from ..config import scene_to_toml
 from ..errors import ExpectationError, Stopped
+from ..linalg.agreement import Agreement
 from ..linalg.stopwatch import Stopwatch
 from ..log import logger, start_log, stop_log
 from ..output.checkpoint import open_checkpoint
@@ -39,6 +40,11 @@ def run(scene, directory, restart=None, force=False, quiet=False, max_time=None)
     or None. Raises a PorofsiError: InputError, ConvergenceError, Stopped or ExpectationError;
     whatever was accepted before is on disk.
     """
+    with Agreement(MPI.COMM_WORLD).required():
+        return _run(scene, directory, restart, force, quiet, max_time)
+
+
+def _run(scene, directory, restart, force, quiet, max_time):
     comm = MPI.COMM_WORLD
     stopwatch = Stopwatch()
     notice = compilation_notice()

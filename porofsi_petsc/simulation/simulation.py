@@ -14,12 +14,14 @@ import numpy as np
 from mpi4py import MPI
 
 from ..config import Scene, load_scene, scene_to_toml
-from ..errors import InputError
+from ..errors import InputError, PorofsiError, digits
 from ..fem.distribute import LocalMesh
+from ..linalg.agreement import Agreement
 from ..linalg.options import start
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
 from ..output.checkpoint import open_checkpoint
+from ..output.files import on_root
 from .build import build_coupling, local_mesh
 from .checkpoint import write
 from .energy import Energy
@@ -29,6 +31,8 @@ from .measures import Measures
 from .quantities import Quantities
 from .restart import resume
 from .setups import materials_of
+
+SHORTEST = 1e-9  # step, in those of the scene, that `run` is asked for
 
 
 class Simulation:
@@ -59,8 +63,18 @@ class Simulation:
         self.scene = scene
         self.comm = mesh.comm if mesh else comm
         self.stopwatch = stopwatch or Stopwatch()
+        self.callbacks: list[Callable[[Simulation], object]] = []
+        self._of_run: list[Callable[[Simulation], object]] = []
+        self._ends = False
+        self._is_closed = False
+        self._agreement = Agreement(self.comm)
+        with self._agreement.required():
+            self._build(mesh)
+
+    def _build(self, mesh):
+        scene = self.scene
         with self.stopwatch.measure("setup"):
-            mesh = mesh or local_mesh(scene, comm)
+            mesh = mesh or local_mesh(scene, self.comm)
             self.coupling = build_coupling(scene, mesh, self.stopwatch)
             self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
             self._quantities = Quantities(scene, self.coupling, self.measures)
@@ -68,9 +82,7 @@ class Simulation:
         self.energy.start(*self.coupling.energies())
         self.loop = TimeLoop(scene, self.coupling, self.energy, self.measures, self._call_back)
         self.fields = Fields(scene, self.coupling, self.measures)
-        self.callbacks: list[Callable[[Simulation], object]] = []
         self._rows = [(0.0, *self._quantities.values(0.0), 0)]
-        self._ends = False
 
     @classmethod
     def from_scene(
@@ -103,41 +115,56 @@ class Simulation:
         """Make one accepted step, the next one of [time] or, where that does not converge and may
         be cut, a part of it.
 
-        Raises InputError at the end of the scene, ConvergenceError (the state is that before the
-        step), LimitError.
+        Raises InputError at the end of the scene and of a closed simulation, ConvergenceError (the
+        state is that before the step), LimitError.  An error that one of several ranks has alone
+        ends the job.
         """
+        self._require_open()
         if self.finished:
             raise InputError(
                 f"t = {self.time:g} s is time.end of the scene, expected an earlier time; raise"
                 " time.end"
             )
-        self.loop.step()
+        with self._agreement.required():
+            self.loop.step()
 
     def run(
         self, until: float | None = None, callbacks: Iterable[Callable[[Simulation], object]] = ()
     ) -> None:
         """Advance to a time [s], by default time.end of the scene, or until a callback returns a
-        true value.
+        true value, on any rank.
 
         until : the last step is shortened to end there; callbacks : called after those of the
-        simulation, for this run alone. Raises as `step` does, InputError where until is not between
-        the present time and time.end.
+        simulation, for this run alone.  Raises as `step` does, InputError where until is not
+        between the present time and time.end, or a step to it would be lost in the digits of time.
         """
+        self._require_open()
         end = self.scene.time.end
-        own = self.callbacks
-        if until is not None and not self.time <= until <= end:
+        with self._agreement.required():
+            self.loop.clock.end = end if until is None else self._reachable(until, end)
+            self._of_run = list(callbacks)
+            self._ends = False
+            try:
+                self.loop.run(lambda: self._ends)
+            finally:
+                self.loop.clock.end = end
+                self._of_run = []
+
+    def _reachable(self, until, end):
+        """Return until, that of rank 0; raise InputError where no step ends there (collective)."""
+        until = self.comm.bcast(until)
+        shortest = max(self.loop.clock.smallest_step, SHORTEST * self.loop.clock.nominal)
+        if not self.time <= until <= end or 0 < until - self.time < shortest:
+            received = f"until: received {digits(until)} s"
             raise InputError(
-                f"until: received {until:g} s, expected a time from {self.time:g} s to time.end ="
-                f" {end:g} s"
+                f"{received}, expected {digits(self.time)} s, where the simulation is, or a time"
+                f" from {digits(self.time + shortest)} s to time.end = {digits(end)} s"
             )
-        self.loop.clock.end = end if until is None else until
-        self._ends = False
-        self.callbacks = [*own, *callbacks]
-        try:
-            self.loop.run(lambda: self._ends)
-        finally:
-            self.loop.clock.end = end
-            self.callbacks = own
+        return until
+
+    def _require_open(self):
+        if self._is_closed:
+            raise InputError("the simulation is closed, expected an open one; make another one")
 
     def _call_back(self):
         clock = self.loop.clock
@@ -145,7 +172,10 @@ class Simulation:
             self._rows.append(
                 (clock.t, *self._quantities.values(clock.t), self.loop.iterations[-1])
             )
-        self._ends = any([callback(self) for callback in self.callbacks])  # all of them are called
+        called = [*self.callbacks, *self._of_run]
+        if called:
+            ends = [bool(callback(self)) for callback in called]  # all of them are called
+            self._ends = self.comm.allreduce(any(ends), MPI.LOR)
 
     # -- looking -----------------------------------------------------------------------------------
 
@@ -195,11 +225,15 @@ class Simulation:
     # -- keeping -----------------------------------------------------------------------------------
 
     def checkpoint(self, directory: str | os.PathLike) -> Path:
-        """Write checkpoint.h5 of the accepted state to an existing directory and return its path.
+        """Write checkpoint.h5 of the accepted state to a directory, made if need be, and return its
+        path.
 
         Raises PorofsiError when it cannot be written.
         """
-        return write(self, Path(directory))
+        with self._agreement.required():
+            folder = Path(self.comm.bcast(directory))
+            on_root(self.comm, _make, folder)
+            return write(self, folder)
 
     def resume(self, path: Path, header: dict) -> None:
         """Continue from a checkpoint; header : of `output.checkpoint.open_checkpoint`.  Raises
@@ -211,9 +245,13 @@ class Simulation:
         self._rows = [(self.time, *self._quantities.values(self.time), iterations)]
 
     def close(self) -> None:
-        """Free what PETSc holds of the solvers; the fields stay."""
+        """Free what PETSc holds of the solvers; the fields stay, no step can be made."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         for solver in self.solvers.values():
             solver.destroy()
+        self._agreement.free()
         gc.collect()  # a medium and its accelerator hold each other
 
     def __enter__(self) -> Simulation:
@@ -221,3 +259,10 @@ class Simulation:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _make(folder):
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as failure:
+        raise PorofsiError(f"{folder}: could not be created ({failure.strerror})") from failure
