@@ -217,7 +217,7 @@ def test_a_run_with_a_function_restarts_by_its_name(tmp_path):
 @pytest.mark.parametrize(
     "function, message",
     [
-        (lambda t, X: np.zeros((len(X), 2)), r"values of float64 of shape \(\d+, 2\) for \d+ points"),
+        (lambda t, X: np.zeros((len(X), 2)), r"of float64 of shape \(\d+, 2\) for \d+ points"),
         (lambda t, X: np.full(len(X), np.nan), "expected a finite number"),
     ],
 )
