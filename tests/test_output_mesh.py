@@ -8,6 +8,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mpi4py import MPI
 from running import SCENES, Job, run_here
@@ -17,15 +18,15 @@ from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.mesh.generate import box, rectangle
 from porofsi_petsc.output import checkpoint, figures
 from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays, write_checkpoint
-from porofsi_petsc.output.field_plots import colour_scale
-from porofsi_petsc.output.fields import FieldWriter, read_snapshots
+from porofsi_petsc.output.field_plots import colour_scale, draw_field
+from porofsi_petsc.output.fields import FieldWriter, Snapshot, read_snapshots
 from porofsi_petsc.output.figures import choose_snapshots, make_figures
 from porofsi_petsc.output.history import History
 from porofsi_petsc.output.history_plots import draw_histories
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.probes import Probes
 from porofsi_petsc.output.seal import seal
-from porofsi_petsc.output.surface import read_surface, surface_of
+from porofsi_petsc.output.surface import Surface, read_surface, surface_of
 from porofsi_petsc.output.units import plain, scaled_unit, significant
 
 COMM = MPI.COMM_SELF
@@ -433,6 +434,27 @@ def test_a_faint_panel_changes_the_colour_scale_for_all():
         and colour(2.5) == pytest.approx(0.75)
         and colour(-10.0) == 0.0
     )
+
+
+@pytest.mark.parametrize("text", ["displacement magnitude", "displacement magnitude " * 4])
+def test_no_label_of_a_figure_is_clipped(text):
+    """Of a wide and flat domain with four pictures, a faint one among them."""
+
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.01], [0.0, 0.01]])
+    outline = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    surface = Surface(points, np.array([[0, 1, 2], [0, 2, 3]]), outline)
+    times = [Snapshot(i, float(i), None, {}) for i in range(4)]
+    figure = Figure(layout="constrained")
+    FigureCanvasAgg(figure)
+    values = [np.array([0.0, 0.1, 0.2, scale]) for scale in (0.3, 0.3, 0.3, 1.0)]
+    draw_field(figure, times, values, surface, (text, "m"), 1.0)
+    figure.canvas.draw()
+    labels = [axis.label for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
+    for label in [*labels, *figure.texts]:
+        box = label.get_window_extent()
+        if label.get_text():
+            assert box.x0 >= 0 and box.y0 >= 0, label
+            assert box.x1 <= figure.bbox.width and box.y1 <= figure.bbox.height, label
 
 
 def test_a_solid_domain_is_drawn_behind_the_cut_or_whole_where_nothing_would_be_left():

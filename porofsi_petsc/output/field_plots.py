@@ -11,8 +11,9 @@ DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the dom
 LARGEST_ASPECT = 8.0  # a domain more slender than this is drawn with unequal scales
 WIDTH = 7.2  # [inch], the text width of a journal page
 MESH_LINES_UP_TO = 6000  # triangles; beyond, the lines would cover the colours
-# a panel whose largest value is below this share of the figure's is hardly seen on a linear colour
-# scale
+LABEL_SHARE = 0.95  # of the height of the figure that a label along it may take
+# A panel whose largest value is below this share of the figure's is hardly seen on a linear colour
+# scale.
 FAINT = 0.4
 
 
@@ -42,7 +43,7 @@ class Scale:
 
     def label(self, text):
         """Return the label of the colour bar."""
-        return f"{text} [{self.unit}]" + (", colours by its square root" if self.root else "")
+        return f"{text} [{self.unit}]" + (",\ncolours by its square root" if self.root else "")
 
 
 def _signed_root(values):
@@ -114,8 +115,17 @@ def draw_field(figure, snapshots, values, surface, label, magnification, backdro
     for ax in axes.flat[len(snapshots) :]:
         ax.set_visible(False)
     _label_axes(axes, surface, len(snapshots))
-    figure.colorbar(artist, ax=axes, label=scale.label(label[0]), aspect=30, pad=0.02)
+    bar = figure.colorbar(artist, ax=axes, label=scale.label(label[0]), aspect=30, pad=0.02)
+    _fit(bar.ax.yaxis.label, figure)
     figure.suptitle(_caption(magnification, equal, surface), fontsize=8)
+
+
+def _fit(label, figure):
+    """Make a label along the height of the figure smaller where it is longer than that."""
+    length = label.get_window_extent().height
+    room = LABEL_SHARE * figure.bbox.height
+    if length > room:
+        label.set_fontsize(label.get_fontsize() * room / length)
 
 
 def _caption(magnification, equal, surface):

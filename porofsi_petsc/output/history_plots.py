@@ -11,9 +11,9 @@ KINDS = {  # symbol in front of the component: what it is, SI unit
     "u": ("displacement", "m"),
     "v": ("solid velocity", "m/s"),
     "vf": ("fluid velocity", "m/s"),
-    "p": ("pore pressure", "Pa"),
+    "p": ("pressure", "Pa"),
     "n": ("porosity", ""),
-    "f": ("force of the fluid", "N"),
+    "f": ("force", "N"),
 }
 SYMBOLS = (
     {"p": "p", "n_f": "n_f"}
