@@ -352,12 +352,12 @@ def test_forces_have_their_panel():
     draw_histories(figure, history)
     assert [ax.get_ylabel() for ax in figure.axes] == [
         "displacement [m]",
-        "force of the fluid [N/m]",
+        "force [N/m]",
         "coupling\niterations",
     ]
     figure = Figure()
     draw_histories(figure, history | {"body.f_z": history["t"]})
-    assert figure.axes[1].get_ylabel() == "force of the fluid [N]"
+    assert figure.axes[1].get_ylabel() == "force [N]"
 
 
 def test_figures_leave_out_what_has_no_data(tmp_path):
