@@ -6,9 +6,11 @@ import fcntl
 import hashlib
 import os
 import pickle
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, wraps
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -31,8 +33,10 @@ OPTIONS = {
     "_nrt": False,
 }
 
+F = TypeVar("F", bound=Callable)  # a compiled function has the signature of its source
 
-def _source_hash():
+
+def _source_hash() -> str:
     """Return a hash of the files with compiled routines of a point: Numba itself looks at the file
     of the outermost loop only.
     """
@@ -49,7 +53,7 @@ def _source_hash():
     ).hexdigest()[:16]
 
 
-def _cache_folder():
+def _cache_folder() -> Path:
     """Return where machine code is kept: below $NUMBA_CACHE_DIR, else below the user's cache
     folder.
     """
@@ -60,14 +64,14 @@ def _cache_folder():
 CACHE_FOLDER = _cache_folder()
 
 
-def inlined(function):
+def inlined(function: F) -> F:
     """Compile a routine of a point or an element that becomes a part of every `specialized` one
     that calls it.
     """
     return numba.njit(function, **OPTIONS, forceinline=True)
 
 
-def expanded(function):
+def expanded(function: F) -> F:
     """Compile a routine that is written out where it is called; unlike an `inlined` one it may
     return memory of `stack`.
     """
@@ -75,7 +79,7 @@ def expanded(function):
 
 
 @intrinsic(prefer_literal=True)
-def stack(typing, shape):
+def stack(typing: Any, shape: Any) -> tuple[Any, Callable]:
     """Return an array of a shape that the compiler knows, on the stack of the loop that calls it:
     it overlaps with no other one.
 
@@ -101,7 +105,7 @@ def stack(typing, shape):
     return array_type(shape), generate
 
 
-def specialized(make):
+def specialized(make: F) -> F:
     """Return a function (*sizes) -> compiled loop, from one (*sizes) -> loop over elements, made
     and kept for every set of sizes.
 
@@ -118,22 +122,22 @@ def specialized(make):
         loop.__qualname__ = "_".join([make.__name__, *map(str, sizes)])
         return _Loop(loop)
 
-    return of_sizes
+    return of_sizes  # type: ignore[return-value]  # `wraps` tells mypy nothing of the arguments
 
 
 class _Loop:
     """A compiled loop whose first call is the only one of its kind on this machine at that time."""
 
-    def __init__(self, loop):
+    def __init__(self, loop: Callable) -> None:
         self.compiled = numba.njit(loop, **OPTIONS)
         self._ready = False
 
-    def __call__(self, *arguments):
+    def __call__(self, *arguments: Any) -> Any:
         if not self._ready:
             self._compile(tuple(map(self.compiled.typeof_pyval, arguments)))
         return self.compiled(*arguments)
 
-    def _compile(self, signature):
+    def _compile(self, signature: tuple) -> None:
         """Read or make the machine code for some types of arguments."""
         loop = self.compiled.py_func
         with _alone(CACHE_FOLDER / f"{loop.__qualname__}.lock"):
@@ -146,7 +150,7 @@ class _Loop:
         self._ready = True
 
 
-def _read_or_compile(loop, signature):
+def _read_or_compile(loop: Callable, signature: tuple) -> Callable:
     users = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE_FOLDER)
     try:
@@ -157,14 +161,14 @@ def _read_or_compile(loop, signature):
     return compiled
 
 
-def _compile_anew(loop, signature):
+def _compile_anew(loop: Callable, signature: tuple) -> Callable:
     for file in CACHE_FOLDER.rglob(f"*.{loop.__qualname__}-*.nb?"):
         file.unlink(missing_ok=True)
     return _read_or_compile(loop, signature)
 
 
 @cache
-def _can_write():
+def _can_write() -> bool:
     """Return whether machine code can be kept; Numba would go on to a place where it may find that
     of another version.
     """
@@ -175,7 +179,7 @@ def _can_write():
     return os.access(CACHE_FOLDER, os.W_OK)
 
 
-def compilation_notice():
+def compilation_notice() -> str:
     """Return a sentence about the time that compilation will take, an empty one where there is
     machine code already.
     """
@@ -186,7 +190,7 @@ def compilation_notice():
 
 
 @contextmanager
-def _alone(lock):
+def _alone(lock: Path) -> Iterator[None]:
     """Hold a file's lock, which the system takes back from a process that dies; nothing where there
     can be no such file.
     """
@@ -201,7 +205,7 @@ def _alone(lock):
         yield
 
 
-def plain(array):
+def plain(array: np.ndarray) -> np.ndarray:
     """Return an array as the loops want it, so that each is compiled for one type: float64,
     contiguous, writeable.
     """

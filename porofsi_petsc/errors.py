@@ -3,6 +3,7 @@ was received.
 """
 
 import reprlib
+from collections.abc import Iterable
 
 SMALLER_STEP = "try a smaller step"  # advice of a ConvergenceError that a cut of the step follows
 WIDTH = 60  # characters of a received value that a sentence shows
@@ -22,7 +23,7 @@ class _Short(reprlib.Repr):
         self.maxstring = WIDTH
         self.maxlist = self.maxtuple = self.maxdict = 8
 
-    def repr_int(self, x, level):
+    def repr_int(self, x: int, level: int) -> str:
         """Return the digits of a whole number, or how many it has where Python refuses to write
         them.
         """
@@ -32,13 +33,13 @@ class _Short(reprlib.Repr):
             return f"a whole number of about {int(x.bit_length() * 0.30103)} digits"
 
 
-def shown(value):
+def shown(value: object) -> str:
     """Return a received value as one short line: text in quotes, true and false as in TOML."""
     text = str(value).lower() if isinstance(value, bool) else _Short().repr(value)
     return text if len(text) <= WIDTH + 2 else f"{text[: WIDTH - 1]}…"
 
 
-def listed(names):
+def listed(names: Iterable[str]) -> str:
     """Return names with commas between them, only the first ones where all would not fit into a
     sentence.
     """
@@ -49,7 +50,7 @@ def listed(names):
     return f"{first or text[:LONGEST_LIST]}, …"
 
 
-def digits(number):
+def digits(number: float) -> str:
     """Return a number with six digits where they are all of it, else with all that it has."""
     number = float(number)
     return f"{number:g}" if float(f"{number:g}") == number else repr(number)
@@ -88,7 +89,7 @@ class ConvergenceError(PorofsiError):
 
     exit_code = 3
 
-    def __init__(self, what, advice=""):
+    def __init__(self, what: str, advice: str = "") -> None:
         """Take what happened and what to try, where there is something: the message is "what;
         advice".
         """

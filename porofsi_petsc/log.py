@@ -1,13 +1,14 @@
 """Logging: rank 0 writes plain lines to the terminal and to run.log, the other ranks are silent."""
 
 import logging
+import os
 import sys
 from pathlib import Path
 
 logger = logging.getLogger("porofsi_petsc")
 
 
-def start_log(directory, rank, quiet=False):
+def start_log(directory: str | os.PathLike[str] | None, rank: int, quiet: bool = False) -> None:
     """Send INFO to standard output (with quiet only warnings) and, with times, to
     `directory`/run.log, which is appended to.
 
@@ -29,15 +30,15 @@ def start_log(directory, rank, quiet=False):
         logger.addHandler(file)
 
 
-def _quiet_failure(handler):
+def _quiet_failure(handler: logging.StreamHandler) -> logging.StreamHandler:
     """Let a handler drop lines that cannot be written (a full disk, a reader that has gone) instead
     of printing tracebacks.
     """
-    handler.handleError = lambda record: None
+    handler.handleError = lambda record: None  # type: ignore[method-assign]
     return handler
 
 
-def stop_log():
+def stop_log() -> None:
     """Close the handlers of `start_log`."""
     for handler in list(logger.handlers):
         logger.removeHandler(handler)

@@ -20,7 +20,7 @@ class Interrupted(BaseException):
     of what was under way.
     """
 
-    def __init__(self, number: int):
+    def __init__(self, number: int) -> None:
         super().__init__(f"stopped by signal {signal.Signals(number).name}")
 
 
@@ -49,7 +49,7 @@ def interrupt(number: int, frame: FrameType | None) -> None:
         raise Interrupted(number)
 
 
-def _retry(number, frame):
+def _retry(number: int, frame: FrameType | None) -> None:
     """End the program when the import is over, if it is still to be ended at once."""
     if not _importing(frame):
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -57,7 +57,7 @@ def _retry(number, frame):
             raise Interrupted(_noted)
 
 
-def _importing(frame):
+def _importing(frame: FrameType | None) -> bool:
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             return True

@@ -2,13 +2,15 @@
 speed.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .compiled import inlined, plain, specialized
 
 
 @inlined
-def _cofactor(d, F, i, j):
+def _cofactor(d: int, F: np.ndarray, i: int, j: int) -> float:
     """Return d det F / d F_ij of a tensor (d, d)."""
     if d == 2:
         return F[1 - i, 1 - j] if i == j else -F[1 - i, 1 - j]
@@ -20,7 +22,7 @@ def _cofactor(d, F, i, j):
 
 
 @inlined
-def _determinant(d, F):
+def _determinant(d: int, F: np.ndarray) -> float:
     """Return det F of a tensor (d, d)."""
     total = 0.0
     for j in range(d):
@@ -29,7 +31,7 @@ def _determinant(d, F):
 
 
 @inlined
-def invert(d, F, inverse):
+def invert(d: int, F: np.ndarray, inverse: np.ndarray) -> float:
     """Set the inverse of a tensor (d, d) and return its determinant."""
     determinant = _determinant(d, F)
     for i in range(d):
@@ -39,7 +41,7 @@ def invert(d, F, inverse):
 
 
 @inlined
-def determinant_minus_one(d, H):
+def determinant_minus_one(d: int, H: np.ndarray) -> float:
     """Return det(I + H) - 1 of a tensor (d, d): tr H + second invariant (+ det H in 3-D), which
     keeps the digits of a small H.
     """
@@ -53,7 +55,7 @@ def determinant_minus_one(d, H):
 
 
 @specialized
-def _det_loop(d):
+def _det_loop(d: int) -> Callable[..., None]:
     def loop(F, determinant):
         for p in range(len(F)):
             determinant[p] = _determinant(d, F[p])
@@ -62,7 +64,7 @@ def _det_loop(d):
 
 
 @specialized
-def _det_minus_one_loop(d):
+def _det_minus_one_loop(d: int) -> Callable[..., None]:
     def loop(H, result):
         for p in range(len(H)):
             result[p] = determinant_minus_one(d, H[p])
@@ -71,7 +73,7 @@ def _det_minus_one_loop(d):
 
 
 @specialized
-def _inverse_loop(d):
+def _inverse_loop(d: int) -> Callable[..., None]:
     def loop(F, inverse, determinant):
         for p in range(len(F)):
             determinant[p] = invert(d, F[p], inverse[p])
@@ -79,7 +81,7 @@ def _inverse_loop(d):
     return loop
 
 
-def det(F):
+def det(F: np.ndarray) -> np.ndarray:
     """Return det F, (...)."""
     tensors = stacked(F)
     result = np.empty(F.shape[:-2])
@@ -87,7 +89,7 @@ def det(F):
     return result
 
 
-def det_minus_one(H):
+def det_minus_one(H: np.ndarray) -> np.ndarray:
     """Return det(I + H) - 1 from the invariants of H, without the loss of digits at small H,
     (...).
     """
@@ -97,7 +99,7 @@ def det_minus_one(H):
     return result
 
 
-def inverse(F):
+def inverse(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return F^-1 and det F; the caller checks the sign of the determinant."""
     tensors = stacked(F)
     result = np.empty(F.shape)
@@ -106,23 +108,23 @@ def inverse(F):
     return result, determinant
 
 
-def stacked(F):
+def stacked(F: np.ndarray) -> np.ndarray:
     """Return tensors or anything else of a point, (..., d, d), as (n, d, d) for a compiled loop; a
     view of a contiguous array.
     """
     return plain(F).reshape(-1, *F.shape[-2:])
 
 
-def transpose(F):
+def transpose(F: np.ndarray) -> np.ndarray:
     """Return F^T."""
     return np.swapaxes(F, -1, -2)
 
 
-def trace(F):
+def trace(F: np.ndarray) -> np.ndarray:
     """Return tr F, (...)."""
     return np.einsum("...ii->...", F)
 
 
-def scaled_identity(values, dim):
+def scaled_identity(values: np.ndarray, dim: int) -> np.ndarray:
     """Return values * I, (..., d, d), for values (...)."""
     return values[..., None, None] * np.eye(dim)
