@@ -9,6 +9,7 @@ With M = π (2n + 1)/2 and T = c_v t/H² both are written in the decaying sums
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .series import modes, on_distinct
 
@@ -24,7 +25,7 @@ class _Layer:
     modulus: float
     diffusivity: float
 
-    def _sums(self, z, t):
+    def _sums(self, z: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return A and B at the depths z (n,)."""
         T = self.diffusivity * t / self.height**2
         M = modes(T)
@@ -36,11 +37,11 @@ class _Layer:
 class Terzaghi(_Layer):
     """Terzaghi (1923): p = q A, w = (q H/E_c) (1 - z/H - B)."""
 
-    def pressure(self, z, t):
+    def pressure(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return p at depths z [m], any shape, and time t [s]: [Pa]."""
         return on_distinct(lambda z: self.load * self._sums(z, t)[0], z)
 
-    def settlement(self, z, t):
+    def settlement(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return the settlement w at depths z [m], any shape, and time t [s]: [m]."""
         scale = self.load * self.height / self.modulus
         return on_distinct(lambda z: scale * (1 - z / self.height - self._sums(z, t)[1]), z)
@@ -53,19 +54,19 @@ class XieLeo(_Layer):
     J = 1 - (1 - e^(-q/E_c)) (1 - A),  p = q + E_c ln J,  w = H (1 - e^(-q/E_c)) (1 - z/H - B).
     """
 
-    def volume_ratio(self, z, t):
+    def volume_ratio(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return J at depths z [m], any shape, and time t [s]."""
         return on_distinct(lambda z: 1 - self._compression * (1 - self._sums(z, t)[0]), z)
 
-    def pressure(self, z, t):
+    def pressure(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return p at depths z [m], any shape, and time t [s]: [Pa]."""
         return self.load + self.modulus * np.log(self.volume_ratio(z, t))
 
-    def settlement(self, z, t):
+    def settlement(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return the settlement w at depths z [m], any shape, and time t [s]: [m]."""
         scale = self.height * self._compression
         return on_distinct(lambda z: scale * (1 - z / self.height - self._sums(z, t)[1]), z)
 
     @property
-    def _compression(self):
+    def _compression(self) -> float:
         return -np.expm1(-self.load / self.modulus)

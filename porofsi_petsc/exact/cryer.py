@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .series import LARGEST_EXPONENT, SMALLEST_TIME, on_distinct
 
@@ -29,12 +30,12 @@ class Cryer:
     diffusivity: float
 
     @property
-    def modulus(self):
+    def modulus(self) -> float:
         """Return E_c = λ + 2μ [Pa]."""
         return self.lam + 2 * self.mu
 
     @cached_property
-    def roots(self):
+    def roots(self) -> np.ndarray:
         """Return x_n with (1 - η x²/2) sin x = x cos x, η = E_c/2μ, one below every multiple of π,
         (MODES,).
         """
@@ -54,7 +55,7 @@ class Cryer:
             ]
         )
 
-    def _modes(self, t):
+    def _modes(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the roots that count at time t and their -2 p0 e^(-x² T)/(x D'), D(x) = E_c sin x
         - 4μ (sin x - x cos x)/x².
         """
@@ -65,7 +66,7 @@ class Cryer:
         )
         return x, -2 * self.load * np.exp(-(x**2) * T) / (x * slope)
 
-    def pressure(self, r, t):
+    def pressure(self, r: ArrayLike, t: float) -> np.ndarray:
         """Return p = E_c Σ (x j_0(x r/R) - sin x) a, a = -2 p0 e^(-x² T)/(x D') [Pa]; p(r, 0+) =
         p0.
         """
@@ -81,7 +82,7 @@ class Cryer:
             r,
         )
 
-    def displacement(self, r, t):
+    def displacement(self, r: ArrayLike, t: float) -> np.ndarray:
         """Return the outward u = -p0 r/(3K) + R Σ j_1(x r/R) a [m], K = λ + 2μ/3."""
         from scipy.special import spherical_jn
 

@@ -10,6 +10,7 @@ In the modes u = Σ cos(k z) q, k = (2n+1) π/2L, every mode is an oscillator M 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ive
 
 from .series import on_distinct
@@ -32,38 +33,38 @@ class DynamicColumn:
     modes: int = 4000
 
     @property
-    def modulus(self):
+    def modulus(self) -> float:
         """Return E_c = λ + 2 μ."""
         return self.lam + 2 * self.mu
 
     @property
-    def n_f(self):
+    def n_f(self) -> float:
         """Return the fluid fraction."""
         return 1 - self.n_s
 
     @property
-    def mass(self):
+    def mass(self) -> float:
         """Return M = n_s ρ_sR + n_s² ρ_fR/n_f."""
         return self.n_s * self.rho_sR + self.n_s**2 * self.rho_fR / self.n_f
 
     @property
-    def damping(self):
+    def damping(self) -> float:
         """Return C = S/n_f² = γ_fR/k."""
         return self.gamma / self.k
 
     @property
-    def speed(self):
+    def speed(self) -> float:
         """Return the speed of the front, √(E_c/M)."""
         return np.sqrt(self.modulus / self.mass)
 
-    def step_surface(self, load, t):
+    def step_surface(self, load: float, t: float) -> float:
         """Return u(0, t) under a step load until the front comes back: the Bessel form of the
         half-space.
         """
         x = self.damping * t / (2 * self.mass)
         return load * t / np.sqrt(self.mass * self.modulus) * (ive(0, x) + ive(1, x))
 
-    def step_front(self, load, z):
+    def step_front(self, load: float, z: float) -> float:
         """Return the jump of u̇ at the front where it passes z: it decays as exp(-C t/(2M)), t =
         z/c.
         """
@@ -73,7 +74,7 @@ class DynamicColumn:
             * np.exp(-self.damping * z / self.speed / (2 * self.mass))
         )
 
-    def step(self, load, z, t):
+    def step(self, load: float, z: ArrayLike, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return u and p at depths z [m], any shape, and time t under a step load, at rest at t =
         0.
 
@@ -84,7 +85,9 @@ class DynamicColumn:
         unit = 2 * load / (self.length * self.mass) / (s1 - s2)  # q̇ = unit (e^(s1 t) - e^(s2 t))
         return self._sum(z, t, k, load, [(s1, unit / s1), (s2, -unit / s2)])
 
-    def harmonic(self, amplitude, omega, z, t):
+    def harmonic(
+        self, amplitude: float, omega: float, z: ArrayLike, t: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return u and p at depths z [m], any shape, and time t under f = amplitude (1 - cos ω t),
         at rest at t = 0.
 
@@ -103,7 +106,7 @@ class DynamicColumn:
         parts = [(1j * omega, oscillating), (s1, a), (s2, q0 - a)]
         return self._sum(z, t, k, amplitude * (1 - np.cos(omega * t)), parts, quasi_static)
 
-    def _modes(self):
+    def _modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return k (modes,) and the two roots of M s² + C s + E_c k²; the small one without loss of
         digits.
         """

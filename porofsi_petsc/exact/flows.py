@@ -25,11 +25,11 @@ class Kovasznay:
     length: float
 
     @property
-    def _decay(self):
+    def _decay(self) -> float:
         half = self.density * self.speed * self.length / self.viscosity / 2
         return half - np.sqrt(half**2 + 4 * np.pi**2)
 
-    def velocity(self, t, X):
+    def velocity(self, t: float, X: np.ndarray) -> np.ndarray:
         """Return the velocity at any time."""
         x, y = X.T / self.length
         grown = np.exp(self._decay * x)
@@ -39,7 +39,7 @@ class Kovasznay:
             [1 - grown * np.cos(angle), decay / (2 * np.pi) * grown * np.sin(angle)]
         )
 
-    def pressure(self, t, X):
+    def pressure(self, t: float, X: np.ndarray) -> np.ndarray:
         """Return the pressure at any time."""
         return (
             self.density * self.speed**2 / 2 * (1 - np.exp(2 * self._decay * X[:, 0] / self.length))
@@ -59,10 +59,10 @@ class TaylorGreen:
     speed: float
     length: float
 
-    def _fading(self, t):
+    def _fading(self, t: float) -> float:
         return np.exp(-2 * self.viscosity / self.density * (np.pi / self.length) ** 2 * t)
 
-    def velocity(self, t, X):
+    def velocity(self, t: float, X: np.ndarray) -> np.ndarray:
         """Return the velocity at a time."""
         x, y = np.pi * X.T / self.length
         return (
@@ -71,7 +71,7 @@ class TaylorGreen:
             * np.column_stack([np.sin(x) * np.cos(y), -np.cos(x) * np.sin(y)])
         )
 
-    def pressure(self, t, X):
+    def pressure(self, t: float, X: np.ndarray) -> np.ndarray:
         """Return the pressure at a time."""
         x, y = 2 * np.pi * X.T / self.length
         return self.density * (self.speed * self._fading(t)) ** 2 / 4 * (np.cos(x) + np.cos(y))
@@ -91,7 +91,7 @@ class EthierSteinman:
     speed: float
     length: float
 
-    def velocity(self, t, X):
+    def velocity(self, t: float, X: np.ndarray) -> np.ndarray:
         """Return the velocity at a time."""
         a = np.pi / 4 / self.length
         d = np.pi / 2 / self.length
@@ -105,6 +105,6 @@ class EthierSteinman:
             [component(x, y, z), component(y, z, x), component(z, x, y)]
         )
 
-    def pressure(self, t, X):
+    def pressure(self, t: float, X: np.ndarray) -> np.ndarray:
         """Return the pressure at a time."""
         return -self.density / 2 * (self.velocity(t, X) ** 2).sum(axis=1)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .series import LARGEST_EXPONENT, SMALLEST_TIME, on_distinct
 
@@ -27,12 +28,12 @@ class Mandel:
     diffusivity: float
 
     @property
-    def poisson(self):
+    def poisson(self) -> float:
         """Return ν."""
         return self.lam / (2 * (self.lam + self.mu))
 
     @cached_property
-    def roots(self):
+    def roots(self) -> np.ndarray:
         """Return a_n with tan a_n = 2 (1 - ν)/(1 - 2ν) a_n, one below every odd multiple of π/2,
         (MODES,).
         """
@@ -54,14 +55,14 @@ class Mandel:
             ]
         )
 
-    def _decay(self, t):
+    def _decay(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the roots that count at time t, their e^(-a² T) and their a - sin a cos a."""
         T = self.diffusivity * t / self.half_width**2
         count = int(np.sqrt(LARGEST_EXPONENT / max(T, SMALLEST_TIME)) / np.pi) + 2
         a = self.roots[:count]
         return a, np.exp(-(a**2) * T), a - np.sin(a) * np.cos(a)
 
-    def pressure(self, x, t):
+    def pressure(self, x: ArrayLike, t: float) -> np.ndarray:
         """Return p = (F/a) Σ sin a_n/(a_n - sin a_n cos a_n) (cos(a_n x/a) - cos a_n) e^(-a_n² T)
         [Pa]; p(x, 0+) = F/2a.
         """
@@ -71,7 +72,7 @@ class Mandel:
             lambda x: (np.cos(np.multiply.outer(x / self.half_width, a)) - np.cos(a)) @ factors, x
         )
 
-    def displacement_x(self, x, t):
+    def displacement_x(self, x: ArrayLike, t: float) -> np.ndarray:
         """Return u_x = (F/G) {[ν/2 - ½ Σ sin a cos a/(a - sin a cos a) e] x/a + Σ cos a/(a - sin a
         cos a) sin(a x/a) e} [m].
         """
@@ -90,7 +91,7 @@ class Mandel:
             x,
         )
 
-    def displacement_y(self, y, t):
+    def displacement_y(self, y: ArrayLike, t: float) -> np.ndarray:
         """Return u_y = -(F/(2 G a)) [1 - ν - Σ sin a cos a/(a - sin a cos a) e^(-a² T)] y [m]."""
         a, decay, denominator = self._decay(t)
         strain = 1 - self.poisson - (np.sin(a) * np.cos(a) / denominator) @ decay

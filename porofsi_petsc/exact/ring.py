@@ -45,12 +45,12 @@ class Ring:
     mode: int = 2
 
     @property
-    def added_length(self):
+    def added_length(self) -> float:
         """Return m = (R/n) (b²ⁿ + R²ⁿ)/(b²ⁿ - R²ⁿ) [m]."""
         ratio = (self.outer / self.wall) ** (2 * self.mode)
         return self.outer / self.mode * (1 + ratio) / (1 - ratio)
 
-    def compression(self, pressure):
+    def compression(self, pressure: float) -> float:
         """Return the inward displacement of the outer surface under a uniform pressure on it, at
         rest [m] (Lamé 1852).
 
@@ -61,13 +61,13 @@ class Ring:
         B = A * self.inner**2
         return -(A * self.outer / (self.lam + self.mu) + B / (self.mu * self.outer)) / 2
 
-    def frequency(self, fluid_density=0.0):
+    def frequency(self, fluid_density: float = 0.0) -> float:
         """Return the lowest angular frequency of the mode [rad/s] under a fluid of the density
         [kg/m³]; 0: dry.
         """
         return math.sqrt(self._lowest(fluid_density)[0])
 
-    def shape(self, X, fluid_density=0.0):
+    def shape(self, X: np.ndarray, fluid_density: float = 0.0) -> np.ndarray:
         """Return the displacement of the mode at points of the ring, (N, 2) for X : (N, 2) [m].
 
         It is scaled to 1 outward on the outer surface at θ = 0, the direction of x; there and at θ
@@ -83,7 +83,7 @@ class Ring:
         y = np.sin(angle)
         return np.stack([u_r * x - u_t * y, u_r * y + u_t * x], axis=1)
 
-    def _basis(self, r):
+    def _basis(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the Legendre polynomials over the thickness and their derivatives at r, each (N,
         DEGREE + 1).
         """
@@ -92,7 +92,7 @@ class Ring:
         slopes = legendre.legder(np.eye(DEGREE + 1)) / half
         return legendre.legvander(s, DEGREE), legendre.legvander(s, DEGREE - 1) @ slopes
 
-    def _lowest(self, fluid_density):
+    def _lowest(self, fluid_density: float) -> tuple[float, np.ndarray]:
         """Return the smallest ω² and the coefficients of U and V, (2 DEGREE + 2,), with U(R) =
         1.
         """
@@ -104,13 +104,13 @@ class Ring:
         values, vectors = eigh(stiffness, mass, subset_by_index=[0, 0])
         return values[0], vectors[:, 0] / (surface @ vectors[:, 0])
 
-    def _matrices(self):
+    def _matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """Return stiffness and mass without the fluid, each (2 DEGREE + 2, 2 DEGREE + 2), by Gauss
         quadrature.
         """
-        s, weight = legendre.leggauss(3 * DEGREE)  # 1/r is no polynomial
+        s, gauss = legendre.leggauss(3 * DEGREE)  # 1/r is no polynomial
         r = self.inner + (self.outer - self.inner) / 2 * (s + 1)
-        weight = weight * r * (self.outer - self.inner) / 2
+        weight = gauss * r * (self.outer - self.inner) / 2
         N, slope = self._basis(r)
         zero = np.zeros_like(N)
         by_r = N / r[:, None]

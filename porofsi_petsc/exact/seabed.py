@@ -21,19 +21,19 @@ class Seabed:
     mu: float
 
     @property
-    def wavenumber(self):
+    def wavenumber(self) -> float:
         """Return k = 2π/L [1/m]."""
         return 2 * np.pi / self.length
 
-    def _surface(self, t):
+    def _surface(self, t: float) -> float:
         return self.load * np.sin(self.frequency * t)
 
-    def pressure(self, x, z, t):
+    def pressure(self, x: np.ndarray, z: np.ndarray, t: float) -> np.ndarray:
         """Return p = p0 sin ωt e^(-kz) cos kx [Pa]."""
         k = self.wavenumber
         return self._surface(t) * np.exp(-k * z) * np.cos(k * x)
 
-    def displacement(self, x, z, t):
+    def displacement(self, x: np.ndarray, z: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return u_x = p0 sin ωt/(2μ) z e^(-kz) sin kx and the upward u_y = -p0 sin ωt/(2μk) (1 +
         kz) e^(-kz) cos kx [m].
         """

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .confined import confined_ratio
 from .series import modes, on_distinct
@@ -28,7 +29,7 @@ class Selfweight:
     stress: Callable[[float], float]
     lowest: float = 0.0
 
-    def end_settlement(self, z):
+    def end_settlement(self, z: ArrayLike) -> np.ndarray:
         """Return w(z) = ∫_z^H (1 - J) dZ, P(J) = -γ' Z, of the drained end state at depths z, any
         shape: [m].
         """
@@ -46,13 +47,13 @@ class Selfweight:
 
         return on_distinct(settle, z)
 
-    def pressure(self, z, t):
+    def pressure(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return p = γ' H Σ 2 (-1)ⁿ/M² sin(M z/H) e^(-M² T) at small strain, at depths z, any
         shape: [Pa].
         """
         return on_distinct(lambda z: self.weight * self.height * self._sum(z, t, 2, np.sin), z)
 
-    def settlement(self, z, t):
+    def settlement(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return w = γ'/E_c [(H² - z²)/2 - H² Σ 2 (-1)ⁿ/M³ cos(M z/H) e^(-M² T)] at small strain:
         [m].
         """
@@ -62,7 +63,9 @@ class Selfweight:
             lambda z: scale * ((H**2 - z**2) / 2 - H**2 * self._sum(z, t, 3, np.cos)), z
         )
 
-    def _sum(self, z, t, power, shape):
+    def _sum(
+        self, z: np.ndarray, t: float, power: int, shape: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
         T = self.diffusivity * t / self.height**2
         M = modes(T)
         signs = 1.0 - 2.0 * (np.arange(len(M)) % 2)

@@ -13,6 +13,7 @@ decays like e^(-ξ² c_v t).
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import erf, erfcx, sici
 
 TALBOT_NODES = 18  # 0.6 of it are the digits of the inversion (Abate & Whitt 2006)
@@ -37,7 +38,7 @@ class StripFooting:
     mu: float
     diffusivity: float
 
-    def pressure(self, x, z, t):
+    def pressure(self, x: ArrayLike, z: ArrayLike, t: float) -> np.ndarray:
         """Return p at points x, z (n,) [m] (x from the axis, z the depth) and a time t > 0 [s]:
         (n,) [Pa].
         """
@@ -54,7 +55,7 @@ class StripFooting:
             [np.einsum("nk,nk->n", amplitude[at_z[rows]], cosine[at_x[rows]]) for rows in blocks]
         )
 
-    def _amplitude(self, xi, z, T):
+    def _amplitude(self, xi: np.ndarray, z: np.ndarray, T: float) -> np.ndarray:
         """Return p(ξ, z, T) under a load P_0 cos(ξ x) of unit size, ξ (k,) and z (m,) in units of
         a: (m, k).
         """
@@ -67,7 +68,7 @@ class StripFooting:
             total += (factor * response * decay).real
         return total
 
-    def settlement_increment(self, x, t):
+    def settlement_increment(self, x: ArrayLike, t: float) -> np.ndarray:
         """Return the settlement of the surface at x (n,) [m] since t = 0+, (n,) [m].
 
         2 G Δw/(P_0 a) = η/(2η-1) ∫ 2/(π ξ²) sin ξ cos(ξ x/a) {erf(ξ√T) - (η-1)/η [1 - e^((1-2η) ξ²
@@ -75,21 +76,23 @@ class StripFooting:
         copies have (η - 1/η) for (η-1)/η in the last exponent.) The braces are 1/η but for terms
         like e^(-ξ² T): the rest of the range is integrated in closed form.
         """
-        x = np.atleast_1d(np.asarray(x, dtype=float)) / self.half_width
+        across = np.atleast_1d(np.asarray(x, dtype=float)) / self.half_width
         T = self.diffusivity * t / self.half_width**2
         eta = (self.lam + 2 * self.mu) / (2 * self.mu)
-        xi, weights = _wave_numbers(T, np.abs(x).max() + 1)
+        xi, weights = _wave_numbers(T, np.abs(across).max() + 1)
         root = xi * np.sqrt(T)
         part = (eta - 1) / eta
         braces = erf(root) - part * (
             1 - np.exp(-(root**2)) * erfcx(part * root)
         )  # erfc(y) = e^(-y²) erfcx(y)
-        near = np.cos(np.multiply.outer(x, xi)) @ (weights * np.sin(xi) / xi**2 * braces)
-        far = (_tail(1 + x, DECAY / np.sqrt(T)) + _tail(1 - x, DECAY / np.sqrt(T))) / (2 * eta)
+        near = np.cos(np.multiply.outer(across, xi)) @ (weights * np.sin(xi) / xi**2 * braces)
+        far = (_tail(1 + across, DECAY / np.sqrt(T)) + _tail(1 - across, DECAY / np.sqrt(T))) / (
+            2 * eta
+        )
         return self.load * self.half_width / (np.pi * self.mu) * eta / (2 * eta - 1) * (near + far)
 
 
-def _tail(frequency, start):
+def _tail(frequency: np.ndarray, start: float) -> np.ndarray:
     """Return ∫ sin(b ξ)/ξ² dξ from start to infinity for frequencies b (n,): sin(b X)/X - b Ci(b
     X).
     """
@@ -98,7 +101,7 @@ def _tail(frequency, start):
     return np.sign(frequency) * (np.sin(size * start) / start - size * cosine)
 
 
-def _wave_numbers(T, reach):
+def _wave_numbers(T: float, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Return points and weights of ξ a on (0, DECAY/√T), Gauss in panels, for phases up to ξ a ·
     reach.
 
@@ -113,7 +116,7 @@ def _wave_numbers(T, reach):
     return (edges[:-1, None] + half * (points + 1)).ravel(), (half * weights).ravel()
 
 
-def _talbot(T):
+def _talbot(T: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the poles s (m,) and factors (m,) with f(T) ≈ Σ Re[factor F(s)]: the fixed Talbot rule
     of Abate & Whitt (2006).
     """

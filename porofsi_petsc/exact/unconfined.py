@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .series import LARGEST_EXPONENT, SMALLEST_TIME, modes, on_distinct
 
@@ -34,12 +35,12 @@ class UnconfinedCylinder:
     diffusivity: float
 
     @property
-    def poisson(self):
+    def poisson(self) -> float:
         """Return ν."""
         return self.lam / (2 * (self.lam + self.mu))
 
     @cached_property
-    def roots(self):
+    def roots(self) -> np.ndarray:
         """Return a_n with J1(a) = (1 - ν)/(1 - 2ν) a J0(a), one below every zero of J0,
         (MODES,).
         """
@@ -60,7 +61,7 @@ class UnconfinedCylinder:
             ]
         )
 
-    def _modes(self, t):
+    def _modes(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the roots a that count at time t and A e^(-a² T), A = ε (1 - 2ν)/(1 - ν)/(J1(a)
         (a² - (1 - 2ν)/(1 - ν)²)).
         """
@@ -74,7 +75,7 @@ class UnconfinedCylinder:
         )
         return a, amplitude * np.exp(-(a**2) * T)
 
-    def displacement(self, r, t):
+    def displacement(self, r: ArrayLike, t: float) -> np.ndarray:
         """Return u_r = ν ε r + R Σ A_n J1(a_n r/R) e^(-a_n² T) [m]."""
         from scipy.special import j1
 
@@ -87,7 +88,7 @@ class UnconfinedCylinder:
             r,
         )
 
-    def pressure(self, r, t):
+    def pressure(self, r: ArrayLike, t: float) -> np.ndarray:
         """Return p = H Σ A_n a_n (J0(a_n r/R) - J0(a_n)) e^(-a_n² T) [Pa]."""
         from scipy.special import j0
 
@@ -108,7 +109,7 @@ class UnconfinedStrip:
     mu: float
     diffusivity: float
 
-    def _modes(self, t):
+    def _modes(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return M = π (2n + 1)/2, and (-1)^n 2 ε (1 - λ/H)/M² e^(-M² T), for the modes that count
         at time t.
         """
@@ -117,7 +118,7 @@ class UnconfinedStrip:
         drained = self.lam / (self.lam + 2 * self.mu)
         return M, 2 * self.strain * (1 - drained) * np.sin(M) / M**2 * np.exp(-(M**2) * T)
 
-    def displacement(self, x, t):
+    def displacement(self, x: ArrayLike, t: float) -> np.ndarray:
         """Return u_x = λ/H ε x + a Σ A_n sin(M_n x/a) e^(-M_n² T) [m]."""
         M, amplitude = self._modes(t)
         linear = self.lam / (self.lam + 2 * self.mu) * self.strain
@@ -126,7 +127,7 @@ class UnconfinedStrip:
             lambda x: linear * x + np.sin(np.multiply.outer(x / self.half_width, M)) @ modal, x
         )
 
-    def pressure(self, x, t):
+    def pressure(self, x: ArrayLike, t: float) -> np.ndarray:
         """Return p = H Σ A_n M_n cos(M_n x/a) e^(-M_n² T) [Pa]."""
         M, amplitude = self._modes(t)
         factors = (self.lam + 2 * self.mu) * amplitude * M
