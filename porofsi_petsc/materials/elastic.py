@@ -49,13 +49,13 @@ class ElasticLaw:
     compacts = False
 
     @property
-    def oedometer_modulus(self):
+    def oedometer_modulus(self) -> float:
         """Return E_c = lambda + 2 mu [Pa], the modulus of a laterally confined compression."""
         return self.lam + 2 * self.mu
 
     lowest_ratio = 0.0  # J in confined compression below which the law softens, or has no stress
 
-    def confined(self, J):
+    def confined(self, J: np.ndarray) -> np.ndarray:
         """Return the nominal stress of F = diag(1, 1, J) along it, the shape of J [Pa]; in closed
         form where a law has one.
         """
@@ -63,7 +63,15 @@ class ElasticLaw:
         H[..., 2, 2] = np.subtract(J, 1)
         return self.stress(H)[..., 2, 2]
 
-    def mixed_tangent(self, H, before):
+    def stress(self, H: np.ndarray) -> np.ndarray:
+        """Return P, (..., d, d)."""
+        raise NotImplementedError
+
+    def tangent(self, H: np.ndarray) -> np.ndarray:
+        """Return dP/dF, (..., d, d, d, d)."""
+        raise NotImplementedError
+
+    def mixed_tangent(self, H: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Return dP/dF at H with the stress that is linear from another H, of the iterate before,
         in its geometric part.
 
@@ -81,21 +89,21 @@ class LinearElastic(ElasticLaw):
 
     small_strain = True
 
-    def confined(self, J):
+    def confined(self, J: np.ndarray) -> np.ndarray:
         """Return E_c (J - 1)."""
         return self.oedometer_modulus * (J - 1)
 
-    def energy(self, H):
+    def energy(self, H: np.ndarray) -> np.ndarray:
         """Return Psi, (...)."""
         eps = _small_strain(H)
         return self.lam / 2 * trace(eps) ** 2 + self.mu * np.einsum("...ij,...ij->...", eps, eps)
 
-    def stress(self, H):
+    def stress(self, H: np.ndarray) -> np.ndarray:
         """Return P = lambda tr(eps) I + 2 mu eps, (..., d, d)."""
         eps = _small_strain(H)
         return scaled_identity(self.lam * trace(eps), H.shape[-1]) + 2 * self.mu * eps
 
-    def tangent(self, H):
+    def tangent(self, H: np.ndarray) -> np.ndarray:
         """Return dP/dF, (..., d, d, d, d), constant."""
         return np.broadcast_to(_isotropic(self.lam, self.mu, H.shape[-1]), H.shape + H.shape[-2:])
 
@@ -107,11 +115,11 @@ class Harmonic(ElasticLaw):
 
     small_strain = True
 
-    def stress(self, H):
+    def stress(self, H: np.ndarray) -> np.ndarray:
         """Return P, (..., d, d)."""
         return self.mu * H
 
-    def tangent(self, H):
+    def tangent(self, H: np.ndarray) -> np.ndarray:
         """Return dP/dF = mu d_ik d_JL, (..., d, d, d, d), constant."""
         identity = np.eye(H.shape[-1])
         return np.broadcast_to(
@@ -124,16 +132,16 @@ class SaintVenantKirchhoff(ElasticLaw):
 
     lowest_ratio = 1 / np.sqrt(3)  # the confined stress has its extremum there
 
-    def confined(self, J):
+    def confined(self, J: np.ndarray) -> np.ndarray:
         """Return E_c J (J² - 1)/2."""
         return self.oedometer_modulus * J * (J**2 - 1) / 2
 
-    def energy(self, H):
+    def energy(self, H: np.ndarray) -> np.ndarray:
         """Return Psi, (...)."""
         E = green_strain(H)
         return self.lam / 2 * trace(E) ** 2 + self.mu * np.einsum("...ij,...ij->...", E, E)
 
-    def stress(self, H):
+    def stress(self, H: np.ndarray) -> np.ndarray:
         """Return P = F S, S = lambda tr(E) I + 2 mu E, (..., d, d)."""
         P = np.empty(H.shape)
         _kirchhoff_stress_loop(H.shape[-1])(
@@ -141,13 +149,13 @@ class SaintVenantKirchhoff(ElasticLaw):
         )
         return P
 
-    def tangent(self, H):
+    def tangent(self, H: np.ndarray) -> np.ndarray:
         """Return dP_iJ/dF_kL = delta_ik S_JL + F_iM C_MJNL F_kN, (..., d, d, d, d), C that of
         linear elasticity.
         """
         return self._tangent(H, self._second_piola(green_strain(H)))
 
-    def mixed_tangent(self, H, before):
+    def mixed_tangent(self, H: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Do what `ElasticLaw.mixed_tangent` says, E = E_b + sym F_b^T (H - H_b)."""
         F = deformation(before)
         change = H - before
@@ -218,17 +226,25 @@ class _CompressibleNeoHookean(ElasticLaw):
     1, and U' of J.
     """
 
-    def confined(self, J):
+    def confined(self, J: np.ndarray) -> np.ndarray:
         """Return mu (J - 1/J) + U'."""
         return self.mu * (J - 1 / J) + self._pressure(J)
 
+    def _volumetric(self, J_1: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return U, J U' and J (J U')', the shape of J - 1."""
+        raise NotImplementedError
+
+    def _pressure(self, J: np.ndarray) -> np.ndarray:
+        """Return U', the shape of J."""
+        raise NotImplementedError
+
     @_marking_inadmissible()
-    def energy(self, H):
+    def energy(self, H: np.ndarray) -> np.ndarray:
         """Return Psi, (...); I1 - 3 = 2 tr E."""
         J_1 = det_minus_one(H)
         return self.mu * (trace(green_strain(H)) - np.log1p(J_1)) + self._volumetric(J_1)[0]
 
-    def stress(self, H):
+    def stress(self, H: np.ndarray) -> np.ndarray:
         """Return P = mu (F - F^-T) + J U' F^-T = F^-T (2 mu E + J U' I), (..., d, d)."""
         Finv, J_1 = _kinematics(H)
         P = np.empty(H.shape)
@@ -236,14 +252,14 @@ class _CompressibleNeoHookean(ElasticLaw):
         _compressible_stress_loop(H.shape[-1])(stacked(H), Finv, pull, float(self.mu), stacked(P))
         return P
 
-    def tangent(self, H):
+    def tangent(self, H: np.ndarray) -> np.ndarray:
         """Return dP_iJ/dF_kL = mu d_ik d_JL + J (J U')' Finv_Ji Finv_Lk + (mu - J U') Finv_Jk
         Finv_Li, (..., d, d, d, d).
         """
         Finv, J_1 = _kinematics(H)
         return self._tangent(H, Finv, *self._volumetric(J_1)[1:])
 
-    def mixed_tangent(self, H, before):
+    def mixed_tangent(self, H: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Do what `ElasticLaw.mixed_tangent` says, J U' = (J U')_b + (J (J U')')_b Finv_b:(H -
         H_b).
         """
@@ -366,7 +382,7 @@ class XieLeo(_CompressibleNeoHookean):
     falls at J far above 1).
     """
 
-    def confined(self, J):
+    def confined(self, J: np.ndarray) -> np.ndarray:
         """Return E_c ln J."""
         return self.oedometer_modulus * np.log(J)
 
@@ -389,7 +405,7 @@ class EhlersEipper(_CompressibleNeoHookean):
     compacts = True
 
     @property
-    def lowest_ratio(self):
+    def lowest_ratio(self) -> float:  # type: ignore[override]  # a constant of other laws
         """Return the compaction point."""
         return self.n_s0
 
@@ -407,16 +423,16 @@ class EhlersEipper(_CompressibleNeoHookean):
         return U, first, self.lam * J * (open_fraction + n * open_fraction**2 / pore**2)
 
 
-def deformation(H):
+def deformation(H: np.ndarray) -> np.ndarray:
     """Return F = I + H."""
     return H + np.eye(H.shape[-1])
 
 
-def _small_strain(H):
+def _small_strain(H: np.ndarray) -> np.ndarray:
     return (H + transpose(H)) / 2
 
 
-def green_strain(H):
+def green_strain(H: np.ndarray) -> np.ndarray:
     """Return E = (F^T F - I)/2 = (H + H^T + H^T H)/2."""
     E = np.empty(H.shape)
     _green_strain_loop(H.shape[-1])(stacked(H), stacked(E))
@@ -445,7 +461,7 @@ def _green_strain_loop(d):
     return loop
 
 
-def _isotropic(lam, mu, dim):
+def _isotropic(lam: float, mu: float, dim: int) -> np.ndarray:
     """Return lambda d_iJ d_kL + mu (d_ik d_JL + d_iL d_Jk), (d, d, d, d)."""
     identity = np.eye(dim)
     volumetric = np.einsum("iJ,kL->iJkL", identity, identity)

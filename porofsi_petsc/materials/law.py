@@ -37,7 +37,7 @@ def parameter(
     example : an admissible value, with which the tests of all laws run.
     """
     found = Parameter(unit, meaning, above, at_most, default, example)
-    given = {} if default is None else {"default": default}
+    given: dict[str, Any] = {} if default is None else {"default": default}
     return dataclasses.field(kw_only=True, metadata={"parameter": found}, **given)
 
 
@@ -72,7 +72,7 @@ class Registry(Mapping):
         laws: Mapping[str, type],
         taken: Iterable[str] = (),
         check: Callable[[type], None] = lambda law: None,
-    ):
+    ) -> None:
         """Take what its laws are called in messages, the group of entry points, and the laws of
         this package; taken : keys of the scene that no parameter may have; check : raises
         ValueError where a law that comes breaks the contract.

@@ -4,7 +4,10 @@ Its limits are a free fluid (n_s = 0, no drag) and a solid without pores (n_s = 
 two phases solve.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +34,7 @@ class PorousMaterial:
     variable_porosity: bool = False
 
     @classmethod
-    def free_fluid(cls, rho, viscosity, drag0=0.0):
+    def free_fluid(cls, rho: float, viscosity: float, drag0: float = 0.0) -> PorousMaterial:
         """Return a fluid without a skeleton of its own; rho [kg/m^3], viscosity [Pa s].
 
         drag0 : γ_fR/k_f [N s/m^4] of a porous solid that it flows through with its volume-averaged
@@ -40,24 +43,24 @@ class PorousMaterial:
         return cls(None, 0.0, 0.0, rho, drag0, viscosity=viscosity)
 
     @classmethod
-    def dense_solid(cls, elastic, rho):
+    def dense_solid(cls, elastic: ElasticLaw, rho: float) -> PorousMaterial:
         """Return a solid without pores; rho [kg/m^3]."""
         return cls(elastic, 1.0, rho, 0.0, 0.0)
 
     @property
-    def is_free_fluid(self):
+    def is_free_fluid(self) -> bool:
         """Return whether there is no skeleton."""
         return self.elastic is None
 
     @property
-    def immersed(self):
+    def immersed(self) -> PorousMaterial:
         """Return the skeleton for a free fluid that flows through it, of which it feels the drag
         γ_fR/k_f (v - v_s) alone.
         """
         return replace(self, drag0=self.drag0 / (1 - self.n_s0) ** 2) if self.n_s0 < 1 else self
 
     @property
-    def pore_fluid(self):
+    def pore_fluid(self) -> PorousMaterial:
         """Return the fluid in the pores of `immersed`: a free one with the volume-averaged velocity
         and the drag.
 
@@ -70,17 +73,17 @@ class PorousMaterial:
             permeability=self.permeability,
         )
 
-    def fluid_fraction(self, J):
+    def fluid_fraction(self, J: np.ndarray) -> np.ndarray:
         """Return n_f, the shape of J."""
         if not self.variable_porosity:
             return np.broadcast_to(1 - self.n_s0, J.shape)
         return 1 - self.n_s0 / J
 
-    def fluid_fraction_slope(self, J):
+    def fluid_fraction_slope(self, J: np.ndarray) -> np.ndarray:
         """Return J dn_f/dJ = n_s0/J, or 0 with constant porosity, the shape of J."""
         return self.n_s0 / J if self.variable_porosity else np.zeros(J.shape)
 
-    def fluid_fraction_gradient(self, J, second):
+    def fluid_fraction_gradient(self, J: np.ndarray, second: Any) -> np.ndarray:
         """Return ∇n_f = J dn_f/dJ ∇ ln J, (E, Q, d) [1/m], at J (E, Q) and
         `fem.geometry.SecondDerivatives`.
         """
@@ -88,17 +91,17 @@ class PorousMaterial:
             return np.broadcast_to(0.0, (*J.shape, second.G.shape[-1]))
         return self.fluid_fraction_slope(J)[..., None] * second.volume_gradient
 
-    def drag(self, J):
+    def drag(self, J: np.ndarray) -> np.ndarray:
         """Return S = n_f² γ_fR/k_f(J) [N s/m^4], the shape of J."""
         return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability.factor(J, self.n_s0)
 
-    def volume_derivatives(self, J):
+    def volume_derivatives(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return J dn_f/dJ and J dS/dJ, the shape of J, the latter by a complex step exact to
         round-off (Squire & Trapp 1998).
         """
         return self.fluid_fraction_slope(J), np.imag(self.drag(J * (1 + 1e-30j))) / 1e-30
 
-    def open_pores(self, J):
+    def open_pores(self, J: np.ndarray) -> np.ndarray:
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when
         nothing depends on it.
         """
@@ -108,7 +111,7 @@ class PorousMaterial:
         return np.ones(J.shape, dtype=bool)
 
     @property
-    def rho_s(self):
+    def rho_s(self) -> float:
         """Return the skeleton's partial density in the reference configuration, n_s0 ρ_sR
         [kg/m^3].
         """
