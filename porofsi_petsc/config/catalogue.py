@@ -10,7 +10,7 @@ from .types import similar
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
-def scenes_folder():
+def scenes_folder() -> Path:
     """Return the folder of the shipped scenes: `scenes` inside an installed package, `configs`
     beside it in a checkout.
     """
@@ -18,16 +18,16 @@ def scenes_folder():
     return packaged if packaged.is_dir() else _PACKAGE.parent / "configs"
 
 
-def list_scenes():
+def list_scenes() -> list[tuple[str, str, Path]]:
     """Return (name, title, path) of every shipped scene, by name."""
     return [(name, read_toml(path).get("title", ""), path) for name, path in _shipped().items()]
 
 
-def _shipped():
+def _shipped() -> dict[str, Path]:
     return {path.stem: path for path in sorted(scenes_folder().glob("*.toml"))}
 
 
-def find_scene(path):
+def find_scene(path: str | os.PathLike[str]) -> Path:
     """Return the path of a scene file, or of the shipped scene of that name; raise InputError when
     there is neither.
     """

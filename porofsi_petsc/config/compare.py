@@ -15,7 +15,7 @@ from .types import Table
 class _Named(Expression):
     """A table or a function that is compared, not evaluated: its source is a name for it."""
 
-    def __init__(self, kind, name):
+    def __init__(self, kind: str, name: str) -> None:
         self.names = frozenset("t")
         self.content = name
         self.function = None
@@ -50,7 +50,7 @@ def _contents(value: Any, place: tuple) -> Iterator[tuple[str, str]]:
             yield from _contents(entry, (*place, str(i)))
 
 
-def _named(value, contents, place):
+def _named(value: Any, contents: dict[str, str] | None, place: tuple[str, ...]) -> Any:
     if isinstance(value, list):
         return [_named(entry, contents, (*place, str(i))) for i, entry in enumerate(value)]
     if not isinstance(value, dict):

@@ -2,6 +2,7 @@
 what.
 """
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from pydantic import Field, Strict
@@ -31,7 +32,7 @@ class Boundary(Table):
     backflow: Number = Field(default=0.0, ge=0)
     priority: Annotated[int, Strict()] = 0
 
-    def given(self):
+    def given(self) -> list[str]:
         """Return the names of what this entry prescribes, such as 'displacement.x' and
         'pressure'.
         """
@@ -61,13 +62,13 @@ class Initial(Table):
     pressure: Formula | None = None
 
 
-def check_boundaries(boundaries, brinkman, porous):
+def check_boundaries(boundaries: Sequence[Boundary], brinkman: bool, porous: bool) -> None:
     """Refuse a quantity prescribed twice on a tag, or beside one that excludes it.
 
     Without porous materials the phase behind a surface decides what excludes what; see
     `simulation.sides`.
     """
-    taken = {}
+    taken: dict[tuple[str, str], int] = {}
     for i, boundary in enumerate(boundaries):
         if boundary.no_slip and not brinkman:
             raise wrong(
@@ -90,7 +91,7 @@ def check_boundaries(boundaries, brinkman, porous):
                 taken[tag, quantity] = i
 
 
-def _excluded_by(quantity):
+def _excluded_by(quantity: str) -> list[str]:
     name, _, component = quantity.partition(".")
     return {
         "displacement": [f"traction.{component}"],
@@ -102,7 +103,7 @@ def _excluded_by(quantity):
     }[name]
 
 
-def check_expressions(section, dim, key, position_only=False):
+def check_expressions(section: Table, dim: int, key: str, position_only: bool = False) -> None:
     """Refuse components and variables beyond the dimension, and t where only the position is known;
     tell each its key.
     """

@@ -4,8 +4,11 @@ evaluated on many points at once.
 
 import ast
 import math
+import os
 import sys
+from collections.abc import Callable
 from numbers import Real
+from typing import Any
 
 import numpy as np
 import simpleeval
@@ -18,20 +21,21 @@ MAX_LENGTH = 2000
 MAX_NODES = 400
 VARIABLES = ("t", "x", "y", "z")
 FUNCTION = "function"  # key of the source of a function of Python
+Evaluate = Callable[[float, np.ndarray], Any]  # (t, x) -> values
 CONSTANTS = {"pi": np.float64(math.pi), "e": np.float64(math.e)}
 
 
-def _erf(values):
+def _erf(values: np.ndarray) -> np.ndarray:
     from scipy.special import erf
 
     return erf(values)
 
 
-def _heaviside(values):
+def _heaviside(values: np.ndarray) -> np.ndarray:
     return np.heaviside(values, 1.0)
 
 
-def _of_numbers(function):
+def _of_numbers(function: Callable) -> Callable:
     """Return the function of numbers, true 1 and false 0; NumPy adds truth values by "or" and takes
     their sine in 16 bits.
     """
@@ -44,7 +48,7 @@ def _of_numbers(function):
 
 # name: (function of numbers, number of arguments); heaviside(0) = 1, so a load switched on at t = 0
 # acts at t = 0.
-FUNCTIONS = {
+FUNCTIONS: dict[str, tuple[Callable, int]] = {
     "sin": (np.sin, 1),
     "cos": (np.cos, 1),
     "tan": (np.tan, 1),
@@ -61,7 +65,7 @@ FUNCTIONS = {
     "maximum": (np.maximum, 2),
     "where": (np.where, 3),
 }
-ARITHMETIC = {
+ARITHMETIC: dict[type[ast.AST], Callable] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
     ast.Mult: np.multiply,
@@ -71,7 +75,7 @@ ARITHMETIC = {
     ast.USub: np.negative,
     ast.UAdd: np.positive,
 }
-COMPARISONS = {
+COMPARISONS: dict[type[ast.AST], Callable] = {
     ast.Lt: np.less,
     ast.LtE: np.less_equal,
     ast.Gt: np.greater,
@@ -79,7 +83,11 @@ COMPARISONS = {
     ast.Eq: np.equal,
     ast.NotEq: np.not_equal,
 }
-LOGIC = {ast.BitAnd: np.logical_and, ast.BitOr: np.logical_or, ast.Invert: np.logical_not}
+LOGIC: dict[type[ast.AST], Callable] = {
+    ast.BitAnd: np.logical_and,
+    ast.BitOr: np.logical_or,
+    ast.Invert: np.logical_not,
+}
 OPERATORS = {
     kind: _of_numbers(function) for kind, function in (ARITHMETIC | COMPARISONS).items()
 } | LOGIC
@@ -117,11 +125,17 @@ class Expression:
     Raises InputError when the value is none of these, or the formula fails in a trial at one point.
     """
 
-    def __init__(self, value, folder=None):
-        self.names = frozenset()
-        self.content = None
-        self.key = None
-        self.function = None
+    def __init__(
+        self,
+        value: float | str | dict[str, str] | Callable,
+        folder: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self.names: frozenset[str] = frozenset()
+        self.content: str | None = None
+        self.key: str | None = None
+        self.function: Callable | None = None
+        self.source: float | str | dict[str, str]
+        self._evaluate: Evaluate
         if isinstance(value, dict) and FUNCTION in value:
             advice = "give it to load_scene in Python, in a table of the scene"
             raise InputError(
@@ -140,8 +154,8 @@ class Expression:
             self.source = value
             self.names, self._evaluate = _formula(value)
         elif isinstance(value, Real) and not isinstance(value, bool):
-            self.source = self._number(value)
-            self._evaluate = lambda t, x: np.float64(self.source)
+            self.source = number = self._number(value)
+            self._evaluate = lambda t, x: np.float64(number)
         else:
             raise InputError(
                 f"received {shown(value)}, expected a number, a formula in quotes or {{ table ="
@@ -151,7 +165,7 @@ class Expression:
             self._number(float(self(0.0, np.zeros((1, 3)))[0]))
 
     @staticmethod
-    def _number(value):
+    def _number(value: float) -> float:
         if not in_range(
             value
         ):  # before float, which overflows for a whole number of 309 digits; so is NaN
@@ -159,16 +173,16 @@ class Expression:
         return float(value)
 
     @property
-    def is_constant(self):
+    def is_constant(self) -> bool:
         """Tell whether the value depends on neither time nor position."""
         return not self.names
 
     @property
-    def depends_on_time(self):
+    def depends_on_time(self) -> bool:
         """Tell whether the value changes with time."""
         return "t" in self.names
 
-    def __call__(self, t, x):
+    def __call__(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the values, (n,), at time t [s] and points x, (n, d) [m]; raise InputError where
         one is not finite or huge.
         """
@@ -195,30 +209,33 @@ class Expression:
         return values
 
     @property
-    def place(self):
+    def place(self) -> str:
         """Return the key of the scene that holds the expression, to begin a sentence with; empty
         where it is not known.
         """
         return f"[{self.key}]: " if self.key else ""
 
-    def __eq__(self, other):
-        same = isinstance(other, Expression) and self.source == other.source
-        return same and self.function is other.function
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Expression)
+            and self.source == other.source
+            and self.function is other.function
+        )
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return hash(str(self.source))
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Expression({self.source!r})"
 
 
-def _name_of(function):
+def _name_of(function: Callable) -> str:
     """Return the name of a function of Python, by which a restart compares it."""
     name = getattr(function, "__qualname__", None) or getattr(function, "__name__", None)
     return f"{getattr(function, '__module__', None) or ''}.{name or type(function).__name__}"
 
 
-def _called(function):
+def _called(function: Callable) -> Evaluate:
     """Return the function of (t, x) that gives what a function of Python returns for a copy of x.
 
     It raises InputError where that is not one real number for each point, or for all.
@@ -237,7 +254,7 @@ def _called(function):
     return evaluate
 
 
-def _formula(text):
+def _formula(text: str) -> tuple[frozenset[str], Evaluate]:
     """Return the variables of the formula and a function of (t, x) that evaluates its parsed
     tree.
     """
@@ -264,7 +281,7 @@ def _formula(text):
     return names, evaluate
 
 
-def _parse(text):
+def _parse(text: str) -> ast.stmt:
     if len(text) > MAX_LENGTH:
         raise InputError(
             f"expression of {len(text)} characters, expected at most {MAX_LENGTH}; use a table"

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from ..errors import shown
-from .types import Count, Interval, Name, Number, Positive, Table, Text, list_of, wrong
+from .types import Count, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
 
 SIDES = {
     2: ("left", "right", "bottom", "top"),
@@ -19,9 +19,9 @@ class Axis(Table):
     segment.
     """
 
-    points: list_of(Number, shortest=2)
-    cells: list_of(Count, shortest=1)
-    ratios: list_of(Positive) = ()
+    points: Annotated[tuple[Number, ...], ListOf(shortest=2)]
+    cells: Annotated[tuple[Count, ...], ListOf(shortest=1)]
+    ratios: Annotated[tuple[Positive, ...], ListOf()] = ()
 
     @model_validator(mode="after")
     def _fit_together(self):
@@ -76,8 +76,8 @@ class Generated(Table):
     """What the built-in meshes share."""
 
     order: Literal[1, 2] = 1
-    patches: list_of(Patch) = ()
-    regions: list_of(Region) = ()
+    patches: Annotated[tuple[Patch, ...], ListOf()] = ()
+    regions: Annotated[tuple[Region, ...], ListOf()] = ()
 
     @model_validator(mode="after")
     def _parts_fit(self):
@@ -123,7 +123,7 @@ class Rectangle(Generated):
     diagonal: Literal["right", "left", "alternating"] = "right"
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Return 2."""
         return 2
 
@@ -137,7 +137,7 @@ class Box(Generated):
     z: Axis
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Return 3."""
         return 3
 

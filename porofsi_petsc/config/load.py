@@ -40,7 +40,7 @@ def load_scene(
     return scene
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """Return the tables of a scene with numbers and lists as TOML has them, in place of NumPy's."""
     if isinstance(value, Mapping):
         return {key: _plain(entry) for key, entry in value.items()}
@@ -51,7 +51,9 @@ def _plain(value):
     return value
 
 
-def _validated(tables, name, folder, overrides, smoke):
+def _validated(
+    tables: dict[str, Any], name: str | Path, folder: Path, overrides: Iterable[str], smoke: bool
+) -> Scene:
     """Return the scene of some tables; name : of the scene in messages, folder : where its relative
     paths start.
     """
@@ -64,13 +66,13 @@ def _validated(tables, name, folder, overrides, smoke):
         raise InputError(sentences(name, error, tables)) from None
 
 
-def _short(path):
+def _short(path: Path) -> Path:
     """Return the path as seen from the working directory where it lies below it."""
     path = path.resolve()
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
-def _smoke_changes(name, tables):
+def _smoke_changes(name: str | Path, tables: dict[str, Any]) -> Iterable[tuple[str, Any]]:
     smoke = tables.get("smoke", {})
     if not isinstance(smoke, dict):
         raise InputError(f"{name} [smoke]: received {shown(smoke)}, expected a table")
@@ -81,18 +83,18 @@ def _smoke_changes(name, tables):
     return smoke.items()
 
 
-def scene_to_toml(scene):
+def scene_to_toml(scene: Scene) -> str:
     """Return the scene as TOML with every default written out and absolute paths; it loads again to
     an equal scene.
     """
     return tomli_w.dumps(_tables(scene))
 
 
-def _tables(scene):
+def _tables(scene: Scene) -> dict[str, Any]:
     return _without_empty(scene.model_dump(mode="json", by_alias=True, exclude_none=True))
 
 
-def completed(tables):
+def completed(tables: dict[str, Any]) -> dict[str, Any]:
     """Return the tables of a scene with the defaults of keys that it lacks, unchanged where they
     are no scene any more.
     """
@@ -102,7 +104,7 @@ def completed(tables):
         return tables
 
 
-def _without_empty(tables):
+def _without_empty(tables: Any) -> Any:
     """Drop the tables in which nothing is prescribed, and with them noise of the form
     [boundary.traction].
     """

@@ -2,6 +2,7 @@
 group.
 """
 
+from collections.abc import Sequence
 from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal
@@ -44,7 +45,7 @@ class ByLaw:
     when the schema is made.
     """
 
-    def __init__(self, table: type[OfLaw], registry: Registry):
+    def __init__(self, table: type[OfLaw], registry: Registry) -> None:
         """Take the keys of every law and the registry."""
         self._table = table
         self._registry = registry
@@ -146,20 +147,24 @@ class Material(Table):
     permeability: Annotated[Permeability | None, ByLaw(Permeability, PERMEABILITY)] = None
 
     @property
-    def kind(self):
+    def kind(self) -> Literal["porous", "solid", "fluid"]:
         """Return "porous", "solid" or "fluid"."""
         if self.fluid is None:
             return "solid"
         return "porous" if self.solid else "fluid"
 
     @property
-    def mobility(self):
+    def mobility(self) -> float:
         """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state, so that the drag is
         S = n_f^2 / mobility.
         """
-        if self.permeability.k is not None:
-            return self.permeability.k / self.fluid.specific_weight
-        return self.permeability.intrinsic / self.fluid.viscosity
+        law = self.permeability
+        fluid = self.fluid
+        assert law and fluid  # a solid or a fluid alone has no mobility
+        # of each pair both are there, by `_mobility_known`
+        if law.k is not None:
+            return law.k / fluid.specific_weight  # type: ignore[operator]
+        return law.intrinsic / fluid.viscosity  # type: ignore[operator]
 
     @model_validator(mode="after")
     def _complete(self):
@@ -203,11 +208,11 @@ class Material(Table):
         return self
 
 
-def check_materials(materials, brinkman):
+def check_materials(materials: Sequence[Material], brinkman: bool | Literal["auto"]) -> None:
     """Refuse a region with two materials, and a missing viscosity where the Brinkman term needs
     one.
     """
-    owner = {}
+    owner: dict[str, int] = {}
     for i, material in enumerate(materials):
         for region in material.region:
             if region in owner:

@@ -1,5 +1,10 @@
 """Turn the schema library's errors into sentences: file, key, received, expected."""
 
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
 from ..errors import WIDTH, shown
 
 MAX_SENTENCES = 10
@@ -24,7 +29,7 @@ EXPECTED = {
 }
 
 
-def sentences(where, error, tables):
+def sentences(where: str | Path, error: ValidationError, tables: dict[str, Any]) -> str:
     """Return one line per error of a pydantic ValidationError, at most ten.
 
     where : the file; tables : the raw input, which tells real keys from the library's own path

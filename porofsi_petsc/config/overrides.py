@@ -1,6 +1,7 @@
 """KEY=VALUE changes of the raw tables of a scene, before it is validated."""
 
 import copy
+from typing import Any
 
 from ..errors import InputError, shown
 from .toml import DEEPEST, require_plain, tomllib
@@ -8,7 +9,7 @@ from .toml import DEEPEST, require_plain, tomllib
 LONGEST_INDEX = 9  # digits
 
 
-def parse_override(text):
+def parse_override(text: str) -> tuple[str, Any]:
     """Return the dotted key and the TOML value of KEY=VALUE; a bare word is a string; raise
     InputError without '='.
     """
@@ -24,7 +25,7 @@ def parse_override(text):
     return key.strip(), parsed
 
 
-def _is_utf8(text):
+def _is_utf8(text: str) -> bool:
     try:
         text.encode()
     except UnicodeEncodeError:
@@ -32,7 +33,7 @@ def _is_utf8(text):
     return True
 
 
-def _parse_value(text):
+def _parse_value(text: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
     except (RecursionError, ValueError):
@@ -40,7 +41,7 @@ def _parse_value(text):
     return parsed["value"] if len(parsed) == 1 else text
 
 
-def apply_override(tables, key, value):
+def apply_override(tables: dict[str, Any], key: str, value: Any) -> dict[str, Any]:
     """Return a copy of the tables with the value at the dotted key; tables on the way are made,
     list entries must exist.
     """

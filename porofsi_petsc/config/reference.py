@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ..errors import digits, shown
-from .types import Number, Positive, Table, list_of, wrong
+from .types import ListOf, Number, Positive, Table, wrong
 
 FLOWS = (
     "kovasznay",
@@ -47,7 +47,7 @@ class Reference(Table):
     strain: Positive | None = None
     speed: Positive | None = None
     surface: Number | None = None
-    times: list_of(Annotated[Number, Field(gt=0)]) = ()
+    times: Annotated[tuple[Annotated[Number, Field(gt=0)], ...], ListOf()] = ()
 
     @model_validator(mode="after")
     def _complete(self):

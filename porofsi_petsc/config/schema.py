@@ -1,6 +1,7 @@
 """The scene: every section of the file with its defaults, and the checks between sections."""
 
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
@@ -28,10 +29,10 @@ from .sections import (
     Stabilization,
     Time,
 )
-from .types import Table, Text, closest, list_of, wrong
+from .types import ListOf, Table, Text, closest, wrong
 
 
-def _toml(value):
+def _toml(value: bool | str) -> str:
     """Return a switch of [model] as it is written in a scene."""
     return shown(value)
 
@@ -46,35 +47,35 @@ class Scene(Table):
     mesh: MeshSection
     limits: Limits = Limits()
     time: Time
-    material: list_of(Material, shortest=1)
+    material: Annotated[tuple[Material, ...], ListOf(shortest=1)]
     model: Model = Field(
         default=Model(), validate_default=True
     )  # after what its defaults depend on
-    boundary: list_of(Boundary) = ()
+    boundary: Annotated[tuple[Boundary, ...], ListOf()] = ()
     body_force: BodyForce = BodyForce()
     initial: Initial = Initial()
     stabilization: Stabilization = Stabilization()
     coupling: Coupling = Coupling()
     mesh_motion: MeshMotion = MeshMotion()
     petsc: Petsc = Petsc()
-    probe: list_of(Probe) = ()
-    force: list_of(Force) = ()
-    interface: list_of(Interface) = ()
+    probe: Annotated[tuple[Probe, ...], ListOf()] = ()
+    force: Annotated[tuple[Force, ...], ListOf()] = ()
+    interface: Annotated[tuple[Interface, ...], ListOf()] = ()
     output: Output = Output()
     figures: Figures = Figures()
     reference: Reference | None = None
-    expect: list_of(Expect) = ()
+    expect: Annotated[tuple[Expect, ...], ListOf()] = ()
     smoke: Smoke = {}
 
     _source_path: Path | None = PrivateAttr(None)
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Return the space dimension, 2 or 3."""
         return self.mesh.dim
 
     @property
-    def columns(self):
+    def columns(self) -> list[str]:
         """Return the names of the quantities that the history records."""
         probes = [
             f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities
@@ -84,20 +85,20 @@ class Scene(Table):
         ]
 
     @property
-    def phases(self):
+    def phases(self) -> tuple[bool, bool]:
         """Return whether there is a solid, and whether there is a fluid."""
         kinds = {material.kind for material in self.material}
         return bool(kinds & {"solid", "porous"}), bool(kinds & {"fluid", "porous"})
 
     @property
-    def is_porous(self):
+    def is_porous(self) -> bool:
         """Return whether all materials are porous media; else there are free fluids or solids
         without pores.
         """
         return all(material.kind == "porous" for material in self.material)
 
     @property
-    def full_newton(self):
+    def full_newton(self) -> bool:
         """Return whether tangents are new in every iteration: from rest to a steady flow a lagged
         one is too far away.
         """
@@ -105,21 +106,21 @@ class Scene(Table):
         return tangent == "newton" or (tangent == "auto" and self.time.scheme == "steady")
 
     @property
-    def source_path(self):
+    def source_path(self) -> Path | None:
         """Return the path of the file the scene was loaded from, None when it was made
         otherwise.
         """
         return self._source_path
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Return the stem of the scene's file name."""
         return self._source_path.stem if self._source_path else "scene"
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and self.model_dump() == other.model_dump()
 
-    __hash__ = None
+    __hash__ = None  # type: ignore[assignment]  # how Python says that there is none
 
     @field_validator("model", mode="after")
     @classmethod
@@ -503,7 +504,7 @@ class Scene(Table):
                 )
 
 
-def _renew():
+def _renew() -> None:
     """Make the schema of scenes again, with the laws that have come since."""
     for table in (Material, Scene):
         table.model_rebuild(force=True)

@@ -13,6 +13,7 @@ from .types import (
     Count,
     Flag,
     Limit,
+    ListOf,
     Name,
     Number,
     Positive,
@@ -21,13 +22,12 @@ from .types import (
     Table,
     Tags,
     Text,
-    list_of,
     wrong,
 )
 
 # a local error below is that of rounding, a few 1e-16 of u and p, which no step makes smaller
 FINEST_ERROR = 1e-12
-QUANTITIES = ("u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f")
+Quantity = Literal["u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f"]
 
 
 class Model(Table):
@@ -242,8 +242,8 @@ class Probe(Table):
     """A reference point [m] and the quantities recorded there in every step."""
 
     name: Name
-    at: list_of(Number, shortest=2, longest=3)
-    quantities: list_of(Literal[QUANTITIES], shortest=1)
+    at: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)]
+    quantities: Annotated[tuple[Quantity, ...], ListOf(shortest=1)]
 
     @model_validator(mode="after")
     def _distinct(self):
@@ -292,9 +292,9 @@ class Figures(Table):
     cut : a three-dimensional domain is drawn behind the plane y = cut [m] (absent: its middle).
     """
 
-    times: list_of(Annotated[Number, Field(ge=0)]) = ()
+    times: Annotated[tuple[Annotated[Number, Field(ge=0)], ...], ListOf()] = ()
     deformation_scale: Annotated[Number, Field(ge=0)] | None = None
-    paths: list_of(Name) = ()
+    paths: Annotated[tuple[Name, ...], ListOf()] = ()
     cut: Number | None = None
 
 

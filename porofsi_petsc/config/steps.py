@@ -2,7 +2,7 @@
 end.
 """
 
-from math import inf, log, log1p
+from math import log, log1p
 
 # smallest step over the time that is reached: t + dt - t is dt to three digits at least
 RESOLUTION = 1e-12
@@ -16,8 +16,10 @@ def number_of_steps(end: float, step: float, growth: float, max_step: float | No
     if growth == 1:
         return end / step
     rate = log1p(growth - 1)
-    growing = log(max_step / step) / rate if max_step else inf
     to_end = log1p((growth - 1) * end / step) / rate
+    if max_step is None:
+        return to_end
+    growing = log(max_step / step) / rate
     if to_end <= growing:
         return to_end
     return growing + (end - (max_step - step) / (growth - 1)) / max_step

@@ -3,7 +3,10 @@
 import csv
 import hashlib
 import io
+import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +15,9 @@ from .numbers import LARGEST, RANGE, in_range
 from .text import read_text
 
 
-def table(value, folder):
+def table(
+    value: dict[str, Any], folder: str | os.PathLike[str] | None
+) -> tuple[dict[str, str], str, Callable[[float, np.ndarray], Any]]:
     """Return the resolved source of a {table, column} entry, a hash of its times and values, and
     the interpolating function.
     """

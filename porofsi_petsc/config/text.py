@@ -1,5 +1,6 @@
 """Read a text file of the user, or say in one sentence why it cannot be read."""
 
+import os
 import stat
 from pathlib import Path
 
@@ -8,7 +9,7 @@ from ..errors import InputError, shown
 LARGEST_FILE = 2**30  # [bytes] of a scene or a table; a mesh has formats of its own
 
 
-def read_text(path, what, expected, advice):
+def read_text(path: str | os.PathLike[str], what: str, expected: str, advice: str) -> str:
     """Return the text of a UTF-8 file, with or without byte-order mark, its lines ended by "\\n".
 
     what, expected : the words for the file and for its content; advice : what helps where there is
@@ -31,7 +32,7 @@ def read_text(path, what, expected, advice):
         raise InputError(f"{what} {_name(path)}: {text}") from None
 
 
-def require_regular(path, what, advice):
+def require_regular(path: str | os.PathLike[str], what: str, advice: str) -> None:
     """Raise InputError unless the path is that of a regular file of a size that can be read."""
     try:
         status = Path(path).stat()
@@ -54,7 +55,7 @@ def require_regular(path, what, advice):
         )
 
 
-def _name(path):
+def _name(path: str | os.PathLike[str]) -> str:
     """Return the path, shortened and in quotes where it would not fit into a sentence."""
     text = str(path)
     return text if text.isprintable() and len(text) <= 255 else shown(text)

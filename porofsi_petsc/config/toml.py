@@ -1,7 +1,9 @@
 """Read a TOML file, or say in one sentence why it cannot be read."""
 
+import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, shown
 from .numbers import LARGEST
@@ -15,7 +17,7 @@ else:
 DEEPEST = 12  # tables and lists inside each other, twice those of a scene
 
 
-def read_toml(path):
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Return the tables of the file; raise InputError when it is missing, no file, not text, not
     TOML or empty.
     """
@@ -35,7 +37,7 @@ def read_toml(path):
     return tables
 
 
-def require_plain(value, where: str) -> None:
+def require_plain(value: Any, where: str) -> None:
     """Raise InputError where tables are nested so deep, or whole numbers so long, that no key of a
     scene can mean them.
     """

@@ -1,6 +1,8 @@
 """The strict table every section of a scene derives from, and the types of its entries."""
 
 import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import (
@@ -9,13 +11,14 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     PlainSerializer,
     PlainValidator,
     Strict,
     ValidationInfo,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, core_schema
 
 from ..errors import InputError, listed, shown
 from .expressions import Expression
@@ -25,12 +28,12 @@ MOST = 2**31 - 1  # of what is counted: the integers of PETSc's usual builds
 LONGEST_NAME = 100
 
 
-def wrong(text, key=""):
+def wrong(text: str, key: str = "") -> PydanticCustomError:
     """Return the error of one entry; key is the dotted path below the table being validated."""
     return PydanticCustomError("wrong", "{text}", {"text": text, "key": key})
 
 
-def similar(word, known):
+def similar(word: str, known: Sequence[str]) -> str | None:
     """Return the known word that an unknown one may stand for, None where there is none."""
     word = word[:LONGEST_NAME]
     match = [name for name in known if word and name.startswith(word)] or difflib.get_close_matches(
@@ -39,7 +42,7 @@ def similar(word, known):
     return match[0] if match else None
 
 
-def closest(word, known):
+def closest(word: str, known: Sequence[str]) -> str:
     """Return 'did you mean …?' or the full choice, to end a sentence about an unknown word."""
     match = similar(word, known)
     return f"did you mean '{match}'?" if match else f"choose from {listed(known)}"
@@ -63,28 +66,28 @@ class Table(BaseModel):
         return data
 
 
-def _listed(value):
+def _listed(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _one_or_many(value):
+def _one_or_many(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
-def _one_line(text):
+def _one_line(text: str) -> str:
     if not text.isprintable():
         raise wrong(f"received {shown(text)}, expected a name of characters that can be printed")
     return text
 
 
-def _distinct(names):
+def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
     repeated = [name for i, name in enumerate(names) if name in names[:i]]
     if repeated:
         raise wrong(f"received {shown(repeated[0])} twice, expected distinct names")
     return names
 
 
-def _expression(value, info: ValidationInfo):
+def _expression(value: Any, info: ValidationInfo) -> Expression:
     if isinstance(value, Expression):
         return value
     try:
@@ -106,28 +109,38 @@ def _positive_or(word):
     return check
 
 
-def _in_range(value):
+def _in_range(value: float) -> float:
     if not in_range(value):
         raise wrong(f"received {shown(value)}, expected 0 or {RANGE}")
     return value
 
 
-def _switch(value):
+def _switch(value: Any) -> Any:
     if value == "auto" or isinstance(value, bool):
         return value
     raise wrong(f"received {shown(value)}, expected true, false or 'auto'")
 
 
-def list_of(kind, shortest=0, longest=None):
-    """Return the type of a list with entries of one kind, kept as a tuple."""
+@dataclass(frozen=True)
+class ListOf:
+    """The annotation of a tuple that is written as a list, of some length."""
 
-    def check_length(entries):
-        if len(entries) < shortest or (longest and len(entries) > longest):
-            expected = f"{shortest} to {longest}" if longest else f"at least {shortest}"
+    shortest: int = 0
+    longest: int | None = None
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Return the schema of the tuple that takes a list and looks at its length."""
+        entries = core_schema.no_info_before_validator_function(_listed, handler(source))
+        return core_schema.no_info_after_validator_function(self._check, entries)
+
+    def _check(self, entries: tuple) -> tuple:
+        if len(entries) < self.shortest or (self.longest and len(entries) > self.longest):
+            most = f"{self.shortest} to {self.longest}"
+            expected = most if self.longest else f"at least {self.shortest}"
             raise wrong(f"received a list of length {len(entries)}, expected {expected}")
         return entries
-
-    return Annotated[tuple[kind, ...], BeforeValidator(_listed), AfterValidator(check_length)]
 
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_in_range)]
@@ -141,7 +154,9 @@ Name = Annotated[
 Tag = Annotated[
     str, Strict(), Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_one_line)
 ]
-Tags = Annotated[list_of(Tag, shortest=1), BeforeValidator(_one_or_many), AfterValidator(_distinct)]
+Tags = Annotated[
+    tuple[Tag, ...], ListOf(shortest=1), BeforeValidator(_one_or_many), AfterValidator(_distinct)
+]
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 Limit = Annotated[Any, PlainValidator(_positive_or("report"))]
 Scaling = Annotated[Any, PlainValidator(_positive_or("optimal"))]
@@ -159,6 +174,6 @@ class Vector(Table):
     y: Formula | None = None
     z: Formula | None = None
 
-    def components(self, dim):
+    def components(self, dim: int) -> tuple[Expression | None, ...]:
         """Return the first dim components, each an Expression or None."""
         return (self.x, self.y, self.z)[:dim]
