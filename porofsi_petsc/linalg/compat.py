@@ -46,8 +46,13 @@ def local_values(matrix: PETSc.Mat, sizes: tuple[int, int]) -> Iterator[list[np.
     """
     parts = [ctypes.c_void_p(matrix.handle), None]
     if matrix.comm.size > 1:
-        parts = [ctypes.c_void_p(), ctypes.c_void_p()]
-        _check(_library.MatMPIAIJGetSeqAIJ(matrix.handle, *map(ctypes.byref, parts), None))
+        own, others = ctypes.c_void_p(), ctypes.c_void_p()
+        _check(
+            _library.MatMPIAIJGetSeqAIJ(
+                matrix.handle, ctypes.byref(own), ctypes.byref(others), None
+            )
+        )
+        parts = [own, others]
     pointers = [ctypes.c_void_p() for _ in parts]
     for part, pointer in zip(parts, pointers, strict=True):
         if part is not None:

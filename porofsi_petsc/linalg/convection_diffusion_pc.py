@@ -2,6 +2,7 @@
 convection-diffusion.
 """
 
+import numpy as np
 from petsc4py import PETSc
 
 
@@ -16,11 +17,17 @@ class PressureConvectionDiffusion:
     block.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Start without operators."""
-        self._parts = ()
+        self._parts: tuple[PETSc.Object, ...] = ()
 
-    def replace(self, compliance, laplacian, transport, diagonal):
+    def replace(
+        self,
+        compliance: PETSc.Mat,
+        laplacian: PETSc.Mat,
+        transport: PETSc.Mat,
+        diagonal: np.ndarray,
+    ) -> None:
         """Take Q, L, T (PETSc.Mat) and the diagonal of the pressure's block of the unscaled matrix,
         (owned rows,).
         """
@@ -29,7 +36,7 @@ class PressureConvectionDiffusion:
         self._transport = transport
         self._diagonal = diagonal
 
-    def setUp(self, pc):
+    def setUp(self, pc: PETSc.PC) -> None:
         """Set up the inner solvers and find the scaling from the diagonal of the block
         (collective).
         """
@@ -43,7 +50,7 @@ class PressureConvectionDiffusion:
         self._x, self._y, self._z = (self._scale.duplicate() for _ in range(3))
         self._parts = self._Q, self._L, self._scale, self._x, self._y, self._z
 
-    def apply(self, pc, x, y):
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to D^½ (1 + L⁻¹ T) Q⁻¹ D^½ x."""
         self._x.pointwiseMult(self._scale, x)
         self._Q.solve(self._x, self._y)
@@ -52,7 +59,7 @@ class PressureConvectionDiffusion:
         self._y.axpy(1.0, self._x)
         y.pointwiseMult(self._scale, self._y)
 
-    def destroy(self, pc):
+    def destroy(self, pc: PETSc.PC) -> None:
         """Free the inner solvers (collective)."""
         for part in self._parts:
             part.destroy()

@@ -11,7 +11,7 @@ class DenselyCoupled:
     `mat` has the union pattern.
     """
 
-    def __init__(self, matrix, unknowns):
+    def __init__(self, matrix: PETSc.Mat, unknowns: np.ndarray) -> None:
         """Take A and the numbers of the unknowns in it, (n,), the same on every rank."""
         self._matrix = matrix
         self._order = np.argsort(unknowns)
@@ -21,9 +21,9 @@ class DenselyCoupled:
         own = np.zeros(end - first, dtype=PETSc.IntType)
         own[self._columns[self._mine] - first] = len(unknowns)
         self._starts = np.append(0, np.cumsum(own)).astype(PETSc.IntType)
-        self.mat = None
+        self.mat: PETSc.Mat | None = None
 
-    def assemble(self, block):
+    def assemble(self, block: np.ndarray) -> None:
         """Set the matrix to the present A and B = block (n, n), the same on every rank
         (collective).
         """

@@ -26,6 +26,7 @@ tests/test_solvers_free.py.
 """
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from .options import has_package
@@ -37,7 +38,7 @@ _PRESSURE = {
 }
 # PETSc's default keeps the first interpolation for good; a restart has none and would go on
 # differently
-_INTERPOLATION = {"pc_gamg_reuse_interpolation": "false"}
+_INTERPOLATION: dict[str, object] = {"pc_gamg_reuse_interpolation": "false"}
 _GAMG = {
     "pc_type": "gamg",
     "mg_levels_ksp_type": "richardson",
@@ -143,8 +144,13 @@ def mixture_defaults(direct: bool) -> dict[str, object]:
 
 
 def fluid_fields(
-    comm, first_node: int, n_owned_nodes: int, dim: int, block_size: int, prefix: str = "fluid_"
-):
+    comm: MPI.Comm,
+    first_node: int,
+    n_owned_nodes: int,
+    dim: int,
+    block_size: int,
+    prefix: str = "fluid_",
+) -> dict[str, PETSc.IS]:
     """Return the index sets (dict name -> PETSc.IS) of "v", the velocity, and "p", the pressure
     with its auxiliary field.
 
@@ -159,7 +165,7 @@ def fluid_fields(
     }
 
 
-def rigid_body_modes(x: np.ndarray, comm) -> list[np.ndarray]:
+def rigid_body_modes(x: np.ndarray, comm: MPI.Comm) -> list[np.ndarray]:
     """Return the translations and linearized rotations at the owned nodes, orthonormal over all
     ranks (collective).
 

@@ -38,7 +38,15 @@ class ElementMatrix:
     matrices are added chunk by chunk, while they are in cache, and kept nowhere.
     """
 
-    def __init__(self, comm, cells, numbering, n_owned, constrained, prefix=""):
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        cells: np.ndarray,
+        numbering: np.ndarray,
+        n_owned: int,
+        constrained: np.ndarray,
+        prefix: str = "",
+    ) -> None:
         self.block_size = constrained.shape[1]
         self.mat = _empty_matrix(comm, n_owned * self.block_size, self.block_size, prefix)
         first = comm.exscan(n_owned) or 0
@@ -100,24 +108,24 @@ class ElementMatrix:
         starts[self._own] = (np.cumsum(lengths) - lengths).reshape(self._owned_free.shape)
         return starts
 
-    def assemble(self, values):
+    def assemble(self, values: np.ndarray) -> None:
         """Replace the matrix by the sum of the element matrices (E, A, m, A, m) (collective)."""
         self.clear()
         self.add(slice(None), values)
         self.finish()
 
-    def clear(self):
+    def clear(self) -> None:
         """Set all entries to zero; `add` and `finish` follow (collective)."""
         self.mat.zeroEntries()
 
-    def add(self, chunk, values):
+    def add(self, chunk: slice, values: np.ndarray) -> None:
         """Add the matrices (e, A, m, A, m) of a slice of the elements."""
         elements = plain(values), self._cells[chunk], self._simple[chunk], self._places[chunk]
         with local_values(self.mat, self._sizes) as arrays:
             loop = _add_loop(self._cells.shape[1], self.block_size)
             loop(*elements, self._free, self._own.start, self._own.stop, *self._starts, *arrays)
 
-    def finish(self):
+    def finish(self) -> None:
         """Complete the assembly (collective)."""
         self.mat.assemble()
         if self._is_constrained:
@@ -139,7 +147,7 @@ class ElementMatrix:
         self.mat.setDiagonal(diagonal)
         diagonal.destroy()
 
-    def declare_symmetric(self, positive_definite=False):
+    def declare_symmetric(self, positive_definite: bool = False) -> None:
         """Tell PETSc that the matrix is and stays symmetric: LDL^T instead of LU, or Cholesky when
         positive definite.
         """
@@ -148,7 +156,7 @@ class ElementMatrix:
         if positive_definite:
             self.mat.setOption(PETSc.Mat.Option.SPD, True)
 
-    def destroy(self):
+    def destroy(self) -> None:
         """Free the PETSc matrix (collective)."""
         self.mat.destroy()
 

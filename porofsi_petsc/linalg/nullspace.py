@@ -30,7 +30,7 @@ class NullSpace:
     that one of A with y_r = 0.
     """
 
-    def __init__(self, matrix: PETSc.Mat, vectors: Sequence[NullVector], direct: bool):
+    def __init__(self, matrix: PETSc.Mat, vectors: Sequence[NullVector], direct: bool) -> None:
         self._matrix = matrix
         self._vectors = vectors
         self._direct = direct

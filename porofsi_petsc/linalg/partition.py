@@ -6,6 +6,7 @@ import ctypes
 import os
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 PARTITIONERS = ("ptscotch", "parmetis")
@@ -14,7 +15,12 @@ PARTITIONERS = ("ptscotch", "parmetis")
 NODES_PER_RANK = 4
 
 
-def partition(comm, indptr, indices, coordinates):
+def partition(
+    comm: MPI.Comm,
+    indptr: np.ndarray | None,
+    indices: np.ndarray | None,
+    coordinates: np.ndarray | None,
+) -> np.ndarray | None:
     """Return the owner of every node, (N,) int64 in 0 … size - 1, on rank 0 and None on the others;
     collective.
 
@@ -22,14 +28,15 @@ def partition(comm, indptr, indices, coordinates):
     on rank 0, else ignored. The same input on the same number of ranks gives the same owners.  A
     rank may stay without a node.
     """
-    n_nodes = comm.bcast(len(coordinates) if comm.rank == 0 else None)
+    here = coordinates if comm.rank == 0 else None
+    n_nodes = comm.bcast(None if here is None else len(here))
     package = next((name for name in PARTITIONERS if PETSc.Sys.hasExternalPackage(name)), None)
     if comm.size > 1 and package and n_nodes >= NODES_PER_RANK * comm.size:
         return _graph_partition(comm, package, indptr, indices, n_nodes)
-    return coordinate_bisection(coordinates, comm.size) if comm.rank == 0 else None
+    return None if here is None else coordinate_bisection(here, comm.size)
 
 
-def coordinate_bisection(coordinates, n_parts):
+def coordinate_bisection(coordinates: np.ndarray, n_parts: int) -> np.ndarray:
     """Return the part of every point, (N,): halve the longest side of the bounding box again and
     again.
 

@@ -36,11 +36,11 @@ class PressureMultigrid:
     `solver.LinearSolver`).
     """
 
-    def create(self, pc):
+    def create(self, pc: PETSc.PC) -> None:
         """Start without an inner preconditioner."""
-        self._parts = ()
+        self._parts: tuple[PETSc.Object, ...] = ()
 
-    def setUp(self, pc):
+    def setUp(self, pc: PETSc.PC) -> None:
         """Change the variables and set the inner preconditioner up (collective)."""
         matrix = pc.getOperators()[1]
         self.destroy(pc)
@@ -57,13 +57,13 @@ class PressureMultigrid:
         self._x, self._y = self._changed.createVecs()
         self._parts = self._inner, self._changed, self._W, self._x, self._y
 
-    def apply(self, pc, x, y):
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to W M⁻¹ Wᵀ x."""
         self._W.multTranspose(x, self._x)
         self._inner.apply(self._x, self._y)
         self._W.mult(self._y, y)
 
-    def destroy(self, pc):
+    def destroy(self, pc: PETSc.PC) -> None:
         """Free the PETSc objects (collective)."""
         for part in self._parts:
             part.destroy()

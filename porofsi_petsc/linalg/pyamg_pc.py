@@ -9,6 +9,7 @@ porofsi_petsc.linalg.pyamg_pc.PyAMG`).
 from contextlib import contextmanager
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from ..errors import InputError
@@ -19,7 +20,7 @@ class PyAMG:
     alone.
     """
 
-    def setUp(self, pc):
+    def setUp(self, pc: PETSc.PC) -> None:
         """Build the hierarchy; raise InputError when pyamg is missing or the matrix is
         distributed.
         """
@@ -31,7 +32,7 @@ class PyAMG:
             )
         self._cycle = _hierarchy(matrix) if matrix.getSize()[0] else None
 
-    def apply(self, pc, x, y):
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to one V-cycle on x."""
         y.setArray(
             self._cycle @ x.getArray(readonly=True) if self._cycle is not None else np.zeros(0)

@@ -101,7 +101,7 @@ class LinearSolver:
         fields: Mapping[str, PETSc.IS] | None = None,
         preconditioner: object | None = None,
         null_vectors: Sequence[NullVector] = (),
-    ):
+    ) -> None:
         self.matrix = matrix
         self.prefix = prefix
         self.iterations: list[int] = []
@@ -405,14 +405,14 @@ class DiagonalScaling:
     The latter is what the constants become, which span the near-null space of the pressure's block.
     """
 
-    def __init__(self, matrix, pressure):
+    def __init__(self, matrix: PETSc.Mat, pressure: PETSc.IS) -> None:
         """Take a matrix and the index set of its field "p"."""
         self._matrix = matrix
         self._pressure = pressure
         self._state = None
         self._factor = matrix.createVecRight()
 
-    def scale(self):
+    def scale(self) -> None:
         """Replace A by D^-½ A D^-½ unless its values are those that were scaled before
         (collective).
 
@@ -428,7 +428,7 @@ class DiagonalScaling:
         self._matrix.diagonalScale(self._factor, self._factor)
         self._state = self._matrix.stateGet()
 
-    def attach_constants(self, block):
+    def attach_constants(self, block: PETSc.Mat) -> None:
         """Give the pressure's block of the scaled matrix D^½ 1 as its near-null space (collective).
 
         A new one for every set-up: PETSc locks the vectors of a null space for good.
@@ -444,15 +444,15 @@ class DiagonalScaling:
         constants.destroy()
 
     @property
-    def factor(self):
+    def factor(self) -> PETSc.Vec:
         """Return D^-½ of the present values."""
         return self._factor
 
-    def apply(self, vector):
+    def apply(self, vector: PETSc.Vec) -> None:
         """Multiply a right-hand side, or the solution of the scaled system, by D^-½ in place."""
         vector.pointwiseMult(vector, self._factor)
 
-    def destroy(self):
+    def destroy(self) -> None:
         """Free the vectors (collective)."""
         self._factor.destroy()
 

@@ -2,13 +2,17 @@
 
 import time
 from collections import defaultdict
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import wraps
+from typing import TypeVar
 
 from petsc4py import PETSc
 
+F = TypeVar("F", bound=Callable)
 
-def stage(name):
+
+def stage(name: str) -> AbstractContextManager:
     """Return a context whose work PETSc logs as a stage of this name; of a stage inside a stage the
     inner one counts.
     """
@@ -18,13 +22,13 @@ def stage(name):
 class Stopwatch:
     """Sum of the wall time of named stages [s]."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Start at zero."""
-        self.seconds = defaultdict(float)
+        self.seconds: dict[str, float] = defaultdict(float)
         self._began = time.perf_counter()
 
     @contextmanager
-    def measure(self, name):
+    def measure(self, name: str) -> Iterator[None]:
         """Add the time spent inside to the stage of this name."""
         start = time.perf_counter()
         try:
@@ -34,12 +38,12 @@ class Stopwatch:
             self.seconds[name] += time.perf_counter() - start
 
     @property
-    def total(self):
+    def total(self) -> float:
         """Return the time since the stopwatch was made [s]."""
         return time.perf_counter() - self._began
 
 
-def timed(name):
+def timed(name: str) -> Callable[[F], F]:
     """Return a decorator that counts the time of a method into a stage of the `stopwatch` of its
     object.
     """
