@@ -7,35 +7,45 @@ product, whose weights may change from step to step.  `restart` says that the ma
 """
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
+
+Dot = Callable[[np.ndarray, np.ndarray], float]
+Columns = list[list[tuple[np.ndarray, np.ndarray]]]  # of the steps, the newest last
 
 
 class Plain:
     """x_{k+1} = F(x_k)."""
 
-    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
+    def __init__(
+        self,
+        dot: Dot,
+        relaxation: float | None = None,
+        guard: tuple[float, float] | None = None,
+        reuse_steps: int = 0,
+    ) -> None:
         """Take the inner product; nothing is relaxed, guarded or reused."""
         self._factor = 1.0
 
-    def restart(self):
+    def restart(self) -> None:
         """Forget the history."""
 
-    def begin_step(self):
+    def begin_step(self) -> None:
         """Forget the history of the step before, except for what is reused."""
         self.restart()
 
-    def columns(self):
+    def columns(self) -> Columns:
         """Return the vectors that the next step reuses, for a checkpoint: pairs (Δr, ΔF), step by
         step, the newest last.
         """
         return []
 
-    def load(self, steps):
+    def load(self, steps: Columns) -> None:
         """Continue with `columns` of a checkpoint."""
 
-    def next(self, x, F):
+    def next(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the next iterate from x and F = F(x)."""
         return x + self._factor * (F - x)
 
@@ -43,7 +53,13 @@ class Plain:
 class Constant(Plain):
     """x_{k+1} = x_k + ω (F(x_k) - x_k)."""
 
-    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
+    def __init__(
+        self,
+        dot: Dot,
+        relaxation: float | None = None,
+        guard: tuple[float, float] | None = None,
+        reuse_steps: int = 0,
+    ) -> None:
         """Take the inner product and ω (default 0.5); a constant needs no guard."""
         self._factor = 0.5 if relaxation is None else relaxation
 
@@ -57,19 +73,25 @@ class Aitken(Plain):
     error component magnifies the others.
     """
 
-    def __init__(self, dot, relaxation=None, guard=(0.05, 1.6), reuse_steps=0):
+    def __init__(
+        self,
+        dot: Dot,
+        relaxation: float | None = None,
+        guard: tuple[float, float] = (0.05, 1.6),
+        reuse_steps: int = 0,
+    ) -> None:
         """Take the inner product, the first ω (default 1) and the guard (smallest, largest ω)."""
         self._dot = dot
         self._first = 1.0 if relaxation is None else relaxation
         self._guard = guard
         self.restart()
 
-    def restart(self):
+    def restart(self) -> None:
         """Forget the history."""
         self._omega = self._first
         self._previous = None
 
-    def next(self, x, F):
+    def next(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the next iterate from x and F = F(x)."""
         residual = F - x
         if self._previous is not None:
@@ -94,7 +116,13 @@ class Anderson(Plain):
     DEPTH = 12
     CUTOFF = 1e-12
 
-    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
+    def __init__(
+        self,
+        dot: Dot,
+        relaxation: float | None = None,
+        guard: tuple[float, float] | None = None,
+        reuse_steps: int = 0,
+    ) -> None:
         """Take the inner product and the factor of the first iteration (default 1); the least
         squares need no guard.
         """
@@ -102,12 +130,12 @@ class Anderson(Plain):
         self._first = 1.0 if relaxation is None else relaxation
         self.restart()
 
-    def restart(self):
+    def restart(self) -> None:
         """Forget the history."""
-        self._last = None
-        self._changes = []
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._changes: list[tuple[np.ndarray, np.ndarray]] = []
 
-    def next(self, x, F):
+    def next(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the next iterate from x and F = F(x)."""
         residual = F - x
         if self._last is None:
@@ -148,7 +176,13 @@ class QuasiNewton(Plain):
     FILTER = 1e-2
     COLUMNS = 40  # at most; more cost more inner products than the sweeps they save
 
-    def __init__(self, dot, relaxation=None, guard=None, reuse_steps=0):
+    def __init__(
+        self,
+        dot: Dot,
+        relaxation: float | None = None,
+        guard: tuple[float, float] | None = None,
+        reuse_steps: int = 0,
+    ) -> None:
         """Take the inner product, the factor of the first iteration (default 1) and the number of
         steps to reuse.
         """
@@ -157,28 +191,28 @@ class QuasiNewton(Plain):
         self._reused = reuse_steps
         self.restart()
 
-    def restart(self):
+    def restart(self) -> None:
         """Forget the history."""
         self.load([])
 
-    def begin_step(self):
+    def begin_step(self) -> None:
         """Keep the columns of the last `reuse_steps` steps."""
         self.load(self.columns())
 
-    def columns(self):
+    def columns(self) -> Columns:
         """Return the columns (Δr, ΔF) of the last `reuse_steps` steps, step by step, for a
         checkpoint.
         """
         kept = [step for step in self._steps if step]
         return kept[max(0, len(kept) - self._reused) :]
 
-    def load(self, steps):
+    def load(self, steps: Columns) -> None:
         """Start a step with the `columns` of the steps before."""
         self._steps = [*steps, []]
-        self._last = None
-        self._gram = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._gram: np.ndarray | None = None
 
-    def next(self, x, F):
+    def next(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the next iterate from x and F = F(x)."""
         residual = F - x
         if self._gram is None:  # the weights of the inner product are those of this step

@@ -2,6 +2,9 @@
 the interface.
 """
 
+from typing import Any
+
+from ..phases.condensed import CondensedSolid
 from .accelerators import Plain
 from .interface import InterfaceMedium, InterfaceSweep
 
@@ -24,17 +27,25 @@ class _CondensedSweep(InterfaceSweep):
     what remains is the motion of the mesh, and what makes tangents old.
     """
 
-    def __init__(self, *medium, answer):
+    def __init__(self, *medium: Any, answer: CondensedSolid) -> None:
         """Take what `Medium` takes, whether tangents are new in every sweep, and the
         `phases.condensed.CondensedSolid`.
         """
-        *both, full_newton = medium
-        super().__init__(*both, lambda dot, name=None: Plain(dot), full_newton)
+        solid, fluid, comm, tolerance, max_iterations, full_newton = medium
+        super().__init__(
+            solid,
+            fluid,
+            comm,
+            tolerance,
+            max_iterations,
+            lambda dot, name=None: Plain(dot),
+            full_newton,
+        )
         self._answer = answer
         self._made = None
 
     @property
-    def remedies(self):
+    def remedies(self) -> tuple[str, ...]:
         """Return what a step that failed is tried with, in turn: there is nothing to accelerate."""
         return tuple(name for name in super().remedies if name != "accelerator")
 

@@ -37,26 +37,28 @@ class Convergence:
     back must not end early.
     """
 
-    def __init__(self, tolerance):
+    def __init__(self, tolerance: float) -> None:
         """Take the tolerance; `largest` (field -> norm) of the steps that converged belongs to the
         run and its checkpoints.
         """
         self.tolerance = tolerance
-        self.largest = {}
-        self.history = []
+        self.largest: dict[str, float] = {}
+        self.history: list[dict[str, float]] = []
 
-    def start_step(self):
+    def start_step(self) -> None:
         """Forget the scales of the last step.
 
         force_per_rate : of the volume balance [N s/m³], infinite where it is not known;
         flow_force_per_rate : the same for forces of the fluid alone
         """
-        self._scales = {}
-        self._present = {}
+        self._scales: dict[str, float] = {}
+        self._present: dict[str, float] = {}
         self.history = []
         self.force_per_rate = self.flow_force_per_rate = float("inf")
 
-    def reached(self, norms, drag, cancelling):
+    def reached(
+        self, norms: dict[str, tuple[float, float]], drag: float, cancelling: dict[str, float]
+    ) -> bool:
         """Record the residuals, field -> (residual norm, largest term norm), and return whether all
         are within the tolerance.
 
@@ -89,11 +91,11 @@ class Convergence:
         self.largest = self._present | {"volume": volume}
         return True
 
-    def _scale(self, field, cancelling):
+    def _scale(self, field: str, cancelling: dict[str, float]) -> float:
         scale = self._scales[field]
         return min(scale, cancelling.get(field) or scale) if field == "volume" else scale
 
-    def _require_digits(self, round_off):
+    def _require_digits(self, round_off: float) -> None:
         force = max(scale for field, scale in self._scales.items() if field != "volume")
         if round_off > BLIND * force and round_off > ROUND_OFF * self._largest_like(
             "fluid momentum"
@@ -104,7 +106,7 @@ class Convergence:
                 "raise it",
             )
 
-    def _largest_like(self, field):
+    def _largest_like(self, field: str) -> float:
         """Return the largest force of run and iterate in the unit of a field, or its own largest
         term.
         """
@@ -115,7 +117,7 @@ class Convergence:
         return max(self._present[field], force / self.force_per_rate, flow)
 
     @property
-    def slow(self):
+    def slow(self) -> bool:
         """Return whether the last two sweeps reduced the residual by less than SLOW each on
         average.
         """
@@ -123,20 +125,20 @@ class Convergence:
         return len(self.history) > WARM_UP and errors[-1] > SLOW**2 * errors[0]
 
     @property
-    def contraction(self):
+    def contraction(self) -> float:
         """Return the residual over that of the iteration before, 1 on the first of a step."""
         errors = [max(errors.values()) for errors in self.history[-2:]]
         return errors[1] / errors[0] if len(errors) == 2 else 1.0
 
     @property
-    def falling(self):
+    def falling(self) -> bool:
         """Return whether the residuals of the step have fallen at all, to a tenth of the forces at
         least.
         """
         return min((max(errors.values()) for errors in self.history), default=1.0) < 0.1
 
     @property
-    def _stalled(self):
+    def _stalled(self) -> bool:
         """Return whether the residual is small and has not fallen in the second half of the
         iterations.
         """
@@ -144,10 +146,10 @@ class Convergence:
         half = len(errors) // 2
         return half > 0 and errors[-1] < STALL and min(errors[half:]) > 0.5 * min(errors[:half])
 
-    def failure(self, t, step, advice):
+    def failure(self, t: float, step: int, advice: str) -> ConvergenceError:
         """Return the ConvergenceError of a step that reached its cap."""
         last = self.history[-1]
-        worst = max(last, key=last.get)
+        worst = max(last, key=last.__getitem__)
         if self._stalled:
             advice = (
                 "it falls no further, which is round-off; raise coupling.tolerance above"

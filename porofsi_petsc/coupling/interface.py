@@ -4,13 +4,21 @@ iterations.
 
 from dataclasses import replace
 from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 
+from ..clock import Scheme
 from ..errors import ConvergenceError
+from ..fem.boundary import InterfacePressure
+from ..fem.transfer import InterfaceTransfer
+from ..phases.residual import Residual
+from ..phases.transfer import Flow, Rates, Skeleton
 from .medium import Medium
 from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium
+from .protocols import Arrays, Block, Memory, Motion
+from .robin import Conditions
 
 # Guard of Aitken's factor: under a large added mass the error factors of Dirichlet and Neumann lie
 # anywhere below 0.
@@ -30,7 +38,15 @@ class InterfaceMedium(Medium):
     (one-way).  Each step ends when all residuals are small.
     """
 
-    def __init__(self, *medium, motion, transfer, sees="trial", pressure=None, **scheme):
+    def __init__(
+        self,
+        *medium: Any,
+        motion: Motion,
+        transfer: InterfaceTransfer,
+        sees: Literal["trial", "predicted", "nothing"] = "trial",
+        pressure: InterfacePressure | None = None,
+        **scheme: Any,
+    ) -> None:
         """Take what the scheme takes; the `phases.MeshMotion`, the
         `fem.transfer.InterfaceTransfer`, and what the fluid sees.
 
@@ -47,46 +63,46 @@ class InterfaceMedium(Medium):
         self._of_solid = self.solid.domain.holds[:, None]
 
     @property
-    def blocks(self):
+    def blocks(self) -> dict[str, Block]:
         """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
         return super().blocks | {"mesh": self.motion}
 
-    def carrier(self):
+    def carrier(self) -> Skeleton:
         """Return the trial state of the mesh."""
         return self.motion.skeleton()
 
-    def accepted_carrier(self):
+    def accepted_carrier(self) -> Skeleton:
         """Return the accepted state of the mesh."""
         return self.motion.accepted_skeleton()
 
-    def skeleton_at(self, u, v):
+    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> Skeleton:
         """Return the mesh at a displacement and a velocity, both (n_local, d)."""
         return self.motion.skeleton_at(u, v)
 
-    def flow(self, fluid_residuals):
+    def flow(self, fluid_residuals: tuple[Residual, Residual]) -> Flow:
         """Return the fluid's force on the interface, (n_owned, d) [N]."""
         return self._with_force(
             np.where(self._on_fluid, self.fluid.boundary_force(fluid_residuals[0]), 0.0)
         )
 
-    def _with_force(self, force):
+    def _with_force(self, force: np.ndarray) -> Flow:
         flow = self.fluid.flow()
         if self._pressure is not None:
             moved = self._transfer.to_fluid(self.solid.skeleton().displacement)
             force = force + self._pressure.turned(flow.pressure, moved)
         return replace(flow, force=self._transfer.to_solid(force))
 
-    def to_solid(self, force):
+    def to_solid(self, force: np.ndarray) -> np.ndarray:
         """Return forces of the fluid, (n_owned, d) [N], on the nodes of the solid's side of the
         interface (collective).
         """
         return self._transfer.to_solid(np.where(self._on_fluid, force, 0.0))
 
-    def displacement(self):
+    def displacement(self) -> np.ndarray:
         """Return the accepted displacement of solid and mesh, (n_local, d) [m]."""
         return np.where(self._of_solid, self.solid.u, self.motion.u)
 
-    def velocity(self):
+    def velocity(self) -> np.ndarray:
         """Return the accepted velocity of solid and mesh, (n_local, d) [m/s]."""
         return np.where(self._of_solid, self.solid.v, self.motion.v)
 
@@ -100,36 +116,38 @@ class InterfaceMedium(Medium):
         if self._sees == "trial":
             self.motion.follow(self.solid.end_displacement)
 
-    def start(self, schemes, rates):
+    def start(self, schemes: tuple[Scheme, Scheme], rates: Rates) -> None:
         """Do what `Medium.start` does, and take the mesh back too; its acceleration stays."""
         u = self.solid.u
         v = self.solid.v
         super().start(schemes, rates)
         self.motion.set_initial(u, v)
 
-    def accept(self):
+    def accept(self) -> None:
         """Make the trial states the accepted ones, the mesh where the solid is."""
         if self._sees != "trial":
             self.motion.follow(self.solid.end_displacement)
         self.motion.accept()
         super().accept()
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget the trial states."""
         super().reset()
         self.motion.reset()
 
-    def state(self):
+    def state(self) -> Arrays:
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
         return super().state() | {
             f"mesh.{name}": array for name, array in self.motion.state().items()
         }
 
-    def memory(self):
+    def memory(self) -> Memory:
         """Return the numbers a restart needs beside the arrays."""
         return super().memory() | {"mesh": self.motion.memory()}
 
-    def load_state(self, arrays, memory, schemes, rates):
+    def load_state(
+        self, arrays: Arrays, memory: Memory, schemes: tuple[Scheme, Scheme], rates: Rates
+    ) -> None:
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
         mesh = {
             name.removeprefix("mesh."): a for name, a in arrays.items() if name.startswith("mesh.")
@@ -165,7 +183,7 @@ class _Sweep(InterfaceSweep):
     interface alone, of which all else is a function.
     """
 
-    def __init__(self, *medium, conditions):
+    def __init__(self, *medium: Any, conditions: Conditions) -> None:
         """Take what `PartitionedMedium` takes and the `coupling.robin.Conditions`."""
         super().__init__(*medium)
         self._conditions, self._rows = conditions, self.solid.domain.nodes
@@ -204,7 +222,7 @@ class _Sweep(InterfaceSweep):
     def _dot(self, a, b):
         return self.dot(a[self._of_interface], b[self._of_interface])
 
-    def state(self):
+    def state(self) -> Arrays:
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
         arrays = super().state()
         for name in filter(_accelerated, arrays):
@@ -213,13 +231,15 @@ class _Sweep(InterfaceSweep):
             arrays[name] = whole
         return arrays
 
-    def load_state(self, arrays, memory, schemes, rates):
+    def load_state(
+        self, arrays: Arrays, memory: Memory, schemes: tuple[Scheme, Scheme], rates: Rates
+    ) -> None:
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
         rows = {name: array[self._rows] for name, array in arrays.items() if _accelerated(name)}
         super().load_state(arrays | rows, memory, schemes, rates)
 
 
-def _accelerated(name):
+def _accelerated(name: str) -> bool:
     """Return whether an array of a state is a vector of the accelerator."""
     return name.startswith("accelerator.")
 
@@ -248,14 +268,14 @@ class InterfaceCoupling(InterfaceMedium, _Sweep):
         return alternatives
 
     @property
-    def remedies(self):
+    def remedies(self) -> tuple[str, ...]:
         """Return what a step that failed is tried with, in turn; sweeps are accelerated where both
         phases see each other.
         """
         accelerated = self._sees == "trial" and self._both
         return tuple(name for name in super().remedies if accelerated or name != "accelerator")
 
-    def step(self, schemes, rates, t, step):
+    def step(self, schemes: tuple[Scheme, Scheme], rates: Rates, t: float, step: int) -> None:
         """Do what `Medium.step` does; where an element is inverted by sweeps that do not converge,
         say so.
         """

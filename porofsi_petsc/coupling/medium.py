@@ -4,12 +4,20 @@ that share an interface.
 
 import collections
 import itertools
+from collections.abc import Collection, Sequence
+from contextlib import AbstractContextManager
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
+from ..clock import Scheme
 from ..errors import ConvergenceError
-from ..phases.residual import euclidean_norms
+from ..linalg.solver import LinearSolver
+from ..phases.residual import Residual, euclidean_norms
+from ..phases.transfer import Flow, Rates, Skeleton
 from .convergence import Convergence
+from .protocols import Arrays, Block, Fluid, Memory, Solid
 
 FIELDS = ("fluid momentum", "volume", "solid momentum")
 
@@ -23,14 +31,14 @@ class Medium:
     scheme
     """
 
-    remedies = ()  # what a step that failed is tried with, in turn: names that `remedied` takes
-    tried = (
-        frozenset()
-    )  # what the run tries by itself before it gives up: remedies and "step", a smaller one
-    load_factor = None
-    notices = ()
+    # what the run tries by itself before it gives up: remedies and "step", a smaller one
+    tried: Collection[str] = frozenset()
+    load_factor: Any = None  # of `simulation.continuation`
+    notices: Sequence[str] = ()
 
-    def __init__(self, solid, fluid, comm, tolerance, max_iterations):
+    def __init__(
+        self, solid: Solid, fluid: Fluid, comm: MPI.Comm, tolerance: float, max_iterations: int
+    ) -> None:
         """Take the phases and what ends the iteration of a step."""
         self.solid = solid
         self.fluid = fluid
@@ -38,12 +46,17 @@ class Medium:
         self._cap = max_iterations
         self.convergence = Convergence(tolerance)
         self.iterations = 0
-        self.residuals = None
+        self.residuals: tuple[Residual, tuple[Residual, Residual]]  # where the last step converged
         self.failed = 0
         self._swept = 0
 
     @property
-    def advice(self):
+    def remedies(self) -> tuple[str, ...]:
+        """Return what a step that failed is tried with, in turn: names that `remedied` takes."""
+        return ()
+
+    @property
+    def advice(self) -> str:
         """Return what to try where a step does not converge, but for what is set already and what
         the run tries by itself.
         """
@@ -54,15 +67,19 @@ class Medium:
             return ""
         return f"try {' or '.join([', '.join(texts[:-1]), texts[-1]] if texts[1:] else texts)}"
 
-    def _alternatives(self):
+    def remedied(self, remedy: str) -> AbstractContextManager[None]:
+        """Return the context in which a step is tried with a remedy."""
+        raise NotImplementedError
+
+    def _alternatives(self) -> dict[str, str]:
         """Return name -> what to try."""
         return {"step": "a smaller step"}
 
-    def dot(self, a, b):
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Return the inner product of two distributed vectors (collective)."""
         return float(self._comm.allreduce(np.vdot(a, b)))
 
-    def step(self, schemes, rates, t, step):
+    def step(self, schemes: tuple[Scheme, Scheme], rates: Rates, t: float, step: int) -> None:
         """Solve one step from time t (nothing is accepted); raise ConvergenceError at the cap.
 
         The iterations of a step that fails are added to `failed`.
@@ -99,7 +116,23 @@ class Medium:
         self.reset()
         raise self.convergence.failure(t, step, self.advice)
 
-    def _sizes(self, fluid_residuals, solid_residual, rates):
+    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
+        """Make the scheme ready for the iterations of a step."""
+        raise NotImplementedError
+
+    def _iterate(
+        self,
+        iteration: int,
+        solid_residual: Residual,
+        fluid_residuals: tuple[Residual, Residual],
+        rates: Rates,
+    ) -> None:
+        """Change the trial states, which have these residuals."""
+        raise NotImplementedError
+
+    def _sizes(
+        self, fluid_residuals: tuple[Residual, Residual], solid_residual: Residual, rates: Rates
+    ) -> tuple[dict[str, tuple[float, float]], float, dict[str, float]]:
         """Return what `Convergence.reached` takes, its norms by one reduction (collective)."""
         residuals = dict(zip(FIELDS, (*fluid_residuals, solid_residual), strict=True))
         groups = {field: residual.vectors() for field, residual in residuals.items()}
@@ -116,25 +149,25 @@ class Medium:
         }
         return norms, next(found), dict(zip(cancelling, found, strict=True))
 
-    def carrier(self):
+    def carrier(self) -> Skeleton:
         """Return what carries the fluid in the trial state."""
         return self.solid.skeleton()
 
-    def accepted_carrier(self):
+    def accepted_carrier(self) -> Skeleton:
         """Return what carries the fluid in the accepted state."""
         return self.solid.accepted_skeleton()
 
-    def skeleton_at(self, u, v):
+    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> Skeleton:
         """Return what carries the fluid at a displacement and a velocity, both (n_local, d)."""
         return self.solid.skeleton_at(u, v)
 
-    def flow(self, fluid_residuals):
+    def flow(self, fluid_residuals: tuple[Residual, Residual]) -> Flow:
         """Return what the solid feels of the fluid in the trial state, which has these
         residuals.
         """
         return self.fluid.flow()
 
-    def start(self, schemes, rates):
+    def start(self, schemes: tuple[Scheme, Scheme], rates: Rates) -> None:
         """Give the phases the accelerations and the pressure that the balances ask for at t = 0 (0+
         where a load is sudden).
 
@@ -151,32 +184,32 @@ class Medium:
         self.fluid.set_initial(v_f if rates.c_f else self.fluid.v, self.fluid.p, balanced=True)
         self.reset()
 
-    def accept(self):
+    def accept(self) -> None:
         """Make the trial states the accepted ones; raise ConvergenceError, changing nothing, when
         the end is not admissible.
         """
         self.solid.accept()
         self.fluid.accept()
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget the trial states and ask for new tangents."""
         for phase in (self.fluid, self.solid):
             phase.reset()
             phase.expire_tangent()
 
     @property
-    def blocks(self):
+    def blocks(self) -> dict[str, Block]:
         """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
         return {"solid": self.solid, "fluid": self.fluid}
 
     @property
-    def solvers(self):
+    def solvers(self) -> list[LinearSolver]:
         """Return the `LinearSolver`s whose times add up to that of all solves."""
         return [block.solver for block in self.blocks.values() if block.solver]
 
     # -- what the run looks at ---------------------------------------------------------------------
 
-    def collocated(self):
+    def collocated(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return v_s, v_f (n_owned, d) and p (n_owned, 1) of the trial state on the collocation
         level.
         """
@@ -184,20 +217,20 @@ class Medium:
         flow = self.fluid.flow()
         return self.solid.velocity[:n], flow.velocity[:n], flow.pressure[:n, None]
 
-    def displacement(self):
+    def displacement(self) -> np.ndarray:
         """Return the accepted displacement of solid and mesh, (n_local, d) [m]."""
         return self.solid.u
 
-    def velocity(self):
+    def velocity(self) -> np.ndarray:
         """Return the accepted velocity of solid and mesh, (n_local, d) [m/s]."""
         return self.solid.v
 
-    def energies(self):
+    def energies(self) -> tuple[float, float]:
         """Return kinetic and elastic energy of the accepted state [J] (collective)."""
         kinetic, elastic = self.solid.energies()
         return kinetic + self.fluid.kinetic_energy(self.accepted_carrier()), elastic
 
-    def state(self):
+    def state(self) -> Arrays:
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
         phases = {"solid": self.solid, "fluid": self.fluid}
         return {
@@ -206,7 +239,7 @@ class Medium:
             for key, array in phase.state().items()
         }
 
-    def memory(self):
+    def memory(self) -> Memory:
         """Return the numbers a restart needs beside the arrays."""
         return {
             "solid": self.solid.memory(),
@@ -216,9 +249,11 @@ class Medium:
             "largest": self.convergence.largest,
         }
 
-    def load_state(self, arrays, memory, schemes, rates):
+    def load_state(
+        self, arrays: Arrays, memory: Memory, schemes: tuple[Scheme, Scheme], rates: Rates
+    ) -> None:
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
-        parts = collections.defaultdict(dict)
+        parts: dict[str, Arrays] = collections.defaultdict(dict)
         for key, array in arrays.items():
             name, _, field = key.partition(".")
             parts[name][field] = array

@@ -2,7 +2,11 @@
 tangents (quasi-direct, direct).
 """
 
+from mpi4py import MPI
+
+from ..linalg.solver import LinearSolver
 from .medium import Medium
+from .protocols import Block, Fluid, Mixture, Solid
 
 
 class MonolithicCoupling(Medium):
@@ -10,18 +14,26 @@ class MonolithicCoupling(Medium):
     its tolerance.
     """
 
-    def __init__(self, solid, fluid, comm, tolerance, max_iterations, mixture):
+    def __init__(
+        self,
+        solid: Solid,
+        fluid: Fluid,
+        comm: MPI.Comm,
+        tolerance: float,
+        max_iterations: int,
+        mixture: Mixture,
+    ) -> None:
         """Take the medium and a mixture of `phases.mixture`, which solves for both increments."""
         super().__init__(solid, fluid, comm, tolerance, max_iterations)
         self.mixture = mixture
 
     @property
-    def blocks(self):
+    def blocks(self) -> dict[str, Block]:
         """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
         return super().blocks | {"mixture": self.mixture}
 
     @property
-    def solvers(self):
+    def solvers(self) -> list[LinearSolver]:
         """Return the mixture's solver, whose time contains those of the phases."""
         return [self.mixture.solver] if self.mixture.solver else []
 

@@ -3,11 +3,18 @@ leaves to the next step.
 """
 
 import itertools
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import numpy as np
+from mpi4py import MPI
+
+from ..clock import Scheme
 from ..phases.tangent import Travel
-from .accelerators import Anderson, QuasiNewton
+from ..phases.transfer import Rates
+from .accelerators import Anderson, Plain, QuasiNewton
 from .medium import Medium
+from .protocols import Arrays, Fluid, Memory, Solid
 
 PATIENCE = 2  # sweeps between two renewals of lagged tangents within a step
 NAMES = ("residual", "image")  # of the vectors that an accelerator reuses
@@ -18,7 +25,16 @@ class PartitionedMedium(Medium):
     inner product `_dot` are.
     """
 
-    def __init__(self, solid, fluid, comm, tolerance, max_iterations, accelerator, full_newton):
+    def __init__(
+        self,
+        solid: Solid,
+        fluid: Fluid,
+        comm: MPI.Comm,
+        tolerance: float,
+        max_iterations: int,
+        accelerator: Callable[..., Plain],
+        full_newton: bool,
+    ) -> None:
         """Take the medium, what makes an accelerator, and whether tangents are new in every sweep
         or lagged.
 
@@ -33,12 +49,12 @@ class PartitionedMedium(Medium):
         self._linear = solid.is_linear and fluid.is_linear
 
     @property
-    def remedies(self):
+    def remedies(self) -> tuple[str, ...]:
         """Return what a step that failed is tried with, in turn."""
         return ("accelerator",) if self._linear or self._travel else ("accelerator", "tangents")
 
     @contextmanager
-    def remedied(self, remedy):
+    def remedied(self, remedy: str) -> Iterator[None]:
         """Sweep with the spare accelerator, by the remedy "tangents" with tangents of full Newton
         besides.
         """
@@ -50,6 +66,10 @@ class PartitionedMedium(Medium):
             yield
         finally:
             self._accelerator, self._travel = own
+
+    def _dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Return the inner product of two accelerated vectors."""
+        raise NotImplementedError
 
     def _alternatives(self):
         """Return name -> what to try."""
@@ -92,14 +112,14 @@ class PartitionedMedium(Medium):
 
     # -- what a step leaves to the next ------------------------------------------------------------
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget the trial states and what the accelerator has learnt, and ask for new tangents."""
         super().reset()
         self._accelerator.restart()
         if self._travel:
             self._travel.forget()
 
-    def state(self):
+    def state(self) -> Arrays:
         """Return the arrays a restart needs, name -> (n_owned, ...), with the vectors that the
         accelerator reuses.
         """
@@ -110,18 +130,21 @@ class PartitionedMedium(Medium):
             for name, a in zip(NAMES, pair, strict=True)
         }
 
-    def memory(self):
+    def memory(self) -> Memory:
         """Return the numbers a restart needs beside the arrays."""
         return super().memory() | {"columns": [len(step) for step in self._accelerator.columns()]}
 
-    def load_state(self, arrays, memory, schemes, rates):
+    def load_state(
+        self, arrays: Arrays, memory: Memory, schemes: tuple[Scheme, Scheme], rates: Rates
+    ) -> None:
         """Continue from `state` and `memory`; schemes and rates are those of the next step."""
         super().load_state(arrays, memory, schemes, rates)
         number = itertools.count()
         counts = memory.get("columns", ())
+        residual, image = NAMES
         steps = [
             [
-                tuple(arrays[f"accelerator.{i}.{name}"] for name in NAMES)
+                (arrays[f"accelerator.{i}.{residual}"], arrays[f"accelerator.{i}.{image}"])
                 for i in itertools.islice(number, n)
             ]
             for n in counts

@@ -4,8 +4,13 @@ lies between.
 
 from dataclasses import dataclass
 from math import pi, sqrt, tanh
+from typing import Literal
 
 import numpy as np
+
+from ..fem.boundary import InterfaceMass
+from ..phases.transfer import Rates
+from .protocols import Fluid, Solid
 
 # α_f over the impedance S_s of a layer that moves as a whole, the smallest of all waves.  The error
 # factor of Robin-Neumann is S_f/S_s |S_s - α_f|/(S_f + α_f): with 3/2 below 1/2 for these waves,
@@ -18,7 +23,7 @@ STIFFER = 1.5
 TANGENTIAL = 0.5
 
 
-def solid_impedance(modulus, rho, thickness, rates):
+def solid_impedance(modulus: float, rho: float, thickness: float, rates: Rates) -> float:
     """Return force per velocity of a layer with a free back, time-discrete, √(E ρ c_a) tanh(H √(ρ
     c_a/E))/c_v [Pa s/m].
 
@@ -32,7 +37,7 @@ def solid_impedance(modulus, rho, thickness, rates):
     )
 
 
-def fluid_impedance(rho, length, rates):
+def fluid_impedance(rho: float, length: float, rates: Rates) -> float:
     """Return force per velocity of an incompressible fluid, its added mass ρ ℓ times c_f [Pa s/m];
     a wave k has ℓ = 1/k.
     """
@@ -53,7 +58,7 @@ class Interface:
     facet: float
 
     @property
-    def mass_ratio(self):
+    def mass_ratio(self) -> float:
         """Return added over own mass of the longest wave of the interface, ρ_f ℓ/(ρ_s H) with ℓ =
         extent/π [-].
         """
@@ -65,7 +70,13 @@ class Conditions:
     the solid's side of a sweep.
     """
 
-    def __init__(self, name, interface, coefficient, masses):
+    def __init__(
+        self,
+        name: str,
+        interface: Interface | None,
+        coefficient: float | Literal["auto"],
+        masses: tuple[InterfaceMass, InterfaceMass],
+    ) -> None:
         """Take the name of the pair, the `Interface`, α_f or "auto", and the
         `fem.boundary.InterfaceMass` of fluid and solid.
         """
@@ -75,7 +86,7 @@ class Conditions:
         self._masses = masses
 
     @property
-    def first_factor(self):
+    def first_factor(self) -> float | None:
         """Return the relaxation that Dirichlet-Neumann starts with, None for the accelerator's own.
 
         Its error factor is 1 - ω (1 + μ), μ the ratio of added to own mass (Causin, Gerbeau &
@@ -86,19 +97,20 @@ class Conditions:
             return None
         return 2 / (2 + self._interface.mass_ratio)
 
-    def prepare(self, fluid, solid, rates):
+    def prepare(self, fluid: Fluid, solid: Solid, rates: Rates) -> None:
         """Set the coefficients of both phases for a step with these rates."""
+        if self.name not in ("robin_neumann", "robin_robin"):
+            return
         this = self._interface
-        if self.name in ("robin_neumann", "robin_robin"):
-            auto = self._given == "auto"
-            solid_side = STIFFER * solid_impedance(this.modulus, this.rho_s, this.thickness, rates)
-            fluid.robin_coefficient = solid_side if auto else self._given
+        assert this is not None  # these pairs are refused where there is no common surface
+        solid_side = STIFFER * solid_impedance(this.modulus, this.rho_s, this.thickness, rates)
+        fluid.robin_coefficient = solid_side if self._given == "auto" else self._given
         if self.name == "robin_robin":
             # between the longest wave of the interface and the shortest of its mesh
             alpha = fluid_impedance(this.rho_f, sqrt(this.extent * this.facet) / pi, rates)
             solid.robin_coefficient = min(alpha, TANGENTIAL * fluid.robin_coefficient)
 
-    def pull(self, fluid, solid):
+    def pull(self, fluid: Fluid, solid: Solid) -> np.ndarray:
         """Return α_s M (v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told the
         velocity takes it.
         """

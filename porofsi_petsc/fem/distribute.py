@@ -5,6 +5,7 @@ these cells.
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from ..elements import ELEMENTS, Element
 from ..mesh.topology import locate_facets
@@ -43,7 +44,7 @@ class LocalMesh:
     facets : tag -> Facets, the same tags on every rank.
     """
 
-    comm: object
+    comm: MPI.Intracomm
     element: Element
     n_owned: int
     n_global: int
