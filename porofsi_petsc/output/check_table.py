@@ -1,7 +1,10 @@
 """The table of verification checks on a terminal."""
 
+from collections.abc import Iterable
+from typing import Any
 
-def checks_table(checks):
+
+def checks_table(checks: Iterable[Any]) -> str:
     """Return a text of computed, reference, error and bound of every check, each with the fields of
     `simulation.verify.Check`.
     """
@@ -9,12 +12,10 @@ def checks_table(checks):
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
-    for heading, justify in (
-        ("case", "left"),
-        ("quantity", "left"),
-        *((h, "right") for h in ("computed", "reference", "error", "bound")),
-    ):
-        table.add_column(heading, justify=justify, no_wrap=heading != "quantity")
+    table.add_column("case", no_wrap=True)
+    table.add_column("quantity")
+    for heading in ("computed", "reference", "error", "bound"):
+        table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("")
     previous = None
     for check in checks:

@@ -8,13 +8,14 @@ import json
 import os
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 from mpi4py import MPI
 
 from ..errors import InputError
+from ..fem.distribute import LocalMesh
 from .files import keep_names, on_all, on_root, temporary_name, to_json
 from .hdf5 import read_slab, reading, write_slabs
 from .seal import FRONT, is_sealed, seal, starts_with
@@ -40,7 +41,12 @@ class Dataset(NamedTuple):
     dtype: np.dtype
 
 
-def write_checkpoint(directory, mesh, header, arrays):
+def write_checkpoint(
+    directory: str | os.PathLike[str],
+    mesh: LocalMesh,
+    header: dict[str, Any],
+    arrays: dict[str, np.ndarray],
+) -> None:
     """Write checkpoint.h5, atomically, and keep the one before as checkpoint.previous.h5;
     collective.
 
@@ -80,7 +86,7 @@ def _replace(written, path):
     keep_names(path.parent)
 
 
-def open_checkpoint(path, comm):
+def open_checkpoint(path: str | os.PathLike[str], comm: MPI.Comm) -> dict[str, Any]:
     """Return the header of a checkpoint after a look at every byte of the file; collective.
 
     Keys that it gets here: arrays, name -> `Dataset`; sealed, false where an earlier version wrote
@@ -94,7 +100,9 @@ def open_checkpoint(path, comm):
         raise InputError(f"{refused}; {on_root(comm, _advice, path)}") from refused
 
 
-def read_arrays(path, header, mesh):
+def read_arrays(
+    path: str | os.PathLike[str], header: dict[str, Any], mesh: LocalMesh
+) -> dict[str, np.ndarray]:
     """Return dict name -> (n_owned, ...) in the local order of the mesh; collective, any number of
     ranks.
 
@@ -122,7 +130,7 @@ def read_arrays(path, header, mesh):
     return arrays
 
 
-def damaged(path, what, comm):
+def damaged(path: str | os.PathLike[str], what: str, comm: MPI.Comm) -> InputError:
     """Return the error of a checkpoint in which something is wrong; collective."""
     return InputError(f"{path}: damaged, {what}; {on_root(comm, _advice, Path(path))}")
 

@@ -2,6 +2,8 @@
 go.
 """
 
+from __future__ import annotations
+
 import os
 import re
 from contextlib import suppress
@@ -53,7 +55,7 @@ class Claim:
     collective, rank 0 acts.
     """
 
-    def __init__(self, directory: Path, force: bool, restart: Path | None, comm: MPI.Comm):
+    def __init__(self, directory: Path, force: bool, restart: Path | None, comm: MPI.Comm) -> None:
         """Create or take the directory, locked; finish what a killed run has begun there.
 
         restart : a checkpoint of this directory keeps what is there, one from elsewhere does not
@@ -64,22 +66,22 @@ class Claim:
         self._directory = Path(directory)
         self._comm = comm
         self._lock = None
-        self._made = []
+        self._made: list[Path] = []
         on_root(comm, self._take, force, restart)
 
-    def __enter__(self):
+    def __enter__(self) -> Claim:
         return self
 
-    def __exit__(self, *error):
+    def __exit__(self, *error: object) -> None:
         """End on rank 0 alone: other ranks may be elsewhere by now."""
         if self._comm.rank == 0:
             self._release()
 
-    def put_aside(self):
+    def put_aside(self) -> None:
         """Put the results of an earlier run aside when the new one does not continue them."""
         on_root(self._comm, self._put_aside)
 
-    def accept(self):
+    def accept(self) -> None:
         """Let earlier results go: the run has done a step, so its options and its scene are
         right.
         """

@@ -1,8 +1,12 @@
 """Comparison of the history with the values a scene expects."""
 
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 import numpy as np
 
-from ..config.sections import PERIODIC
+from ..config.sections import PERIODIC, Expect
+from .period import Period
 
 STATISTICS = {
     "max": np.max,
@@ -14,7 +18,12 @@ STATISTICS = {
 ROUNDING = 1e-9
 
 
-def evaluate(expectations, histories, complete=True, period=None):
+def evaluate(
+    expectations: Iterable[Expect],
+    histories: Sequence[dict[str, np.ndarray]],
+    complete: bool = True,
+    period: Period | None = None,
+) -> list[dict[str, Any]]:
     """Return one record per expectation, a dict.
 
     Its keys: quantity, at, since, statistic, value, reference, error, tolerance, passed, reason,
@@ -43,7 +52,7 @@ def _name(expectation):
     )
 
 
-def failed(records):
+def failed(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the records that missed their value."""
     return [record for record in records if record["passed"] is False]
 

@@ -1,11 +1,20 @@
 """Pictures of a field on the deformed domain at several times, with one colour scale."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .fields import Snapshot
 from .hdf5 import read_slab
+from .surface import Surface
 from .units import plain, scaled_unit, significant
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the domain
 LARGEST_ASPECT = 8.0  # a domain more slender than this is drawn with unequal scales
@@ -31,17 +40,17 @@ class Scale:
     root: bool
 
     @property
-    def mapping(self):
+    def mapping(self) -> dict[str, Any]:
         """Return the arguments that make matplotlib colour values given in the unit."""
         from matplotlib.colors import FuncNorm, Normalize
 
-        limits = {"vmin": self.low, "vmax": self.high}
+        limits: dict[str, Any] = {"vmin": self.low, "vmax": self.high}
         norm = (
             FuncNorm((_signed_root, _signed_square), **limits) if self.root else Normalize(**limits)
         )
         return {"cmap": self.colours, "norm": norm}
 
-    def label(self, text):
+    def label(self, text: str) -> str:
         """Return the label of the colour bar."""
         return f"{text} [{self.unit}]" + (",\ncolours by its square root" if self.root else "")
 
@@ -54,7 +63,7 @@ def _signed_square(values):
     return np.sign(values) * np.square(values)
 
 
-def deformation_scale(snapshots, surface):
+def deformation_scale(snapshots: Sequence[Snapshot], surface: Surface) -> float:
     """Return the factor, rounded to one digit, that draws the largest displacement as 5 % of the
     domain; never less than 1.
     """
@@ -64,14 +73,14 @@ def deformation_scale(snapshots, surface):
     return max(1.0, significant(DRAWN_SHARE * surface.size / largest)) if largest > 0 else 1.0
 
 
-def displacement(snapshot, surface):
+def displacement(snapshot: Snapshot, surface: Surface) -> np.ndarray:
     """Return u, (N, d) [m], of a snapshot; zero where it was not written."""
     if "displacement" not in snapshot.shapes:
         return np.zeros_like(surface.points)
     return read_slab(snapshot.path, "displacement")[:, : surface.dim]
 
 
-def colour_scale(values, unit):
+def colour_scale(values: Sequence[np.ndarray], unit: str) -> Scale:
     """Return the Scale of fields (list of (N,) in SI): symmetric about zero when both signs matter,
     by root when one is faint.
     """
@@ -96,7 +105,15 @@ def colour_scale(values, unit):
     )
 
 
-def draw_field(figure, snapshots, values, surface, label, magnification, backdrop=None):
+def draw_field(
+    figure: Figure,
+    snapshots: Sequence[Snapshot],
+    values: Sequence[np.ndarray],
+    surface: Surface,
+    label: tuple[str, str],
+    magnification: float,
+    backdrop: Surface | None = None,
+) -> None:
     """Draw the field at the snapshots in one panel each.
 
     figure : empty matplotlib Figure.  values : list of (N,) in SI.  label : (text, SI unit).

@@ -6,6 +6,7 @@ points (N, 3) [m], cells (E, A), region (E,); natural order of nodes and cells f
 step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy xz yy yz zz
 """
 
+import os
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..errors import InputError
+from ..fem.distribute import LocalMesh
 from ..fem.natural_order import NaturalOrder
 from .files import on_root, write_text
 from .hdf5 import read_attributes, write_slabs
@@ -37,7 +39,7 @@ class Snapshot(NamedTuple):
 class FieldWriter:
     """Writes fields in the natural order; what was written before in the directory is kept."""
 
-    def __init__(self, directory, mesh):
+    def __init__(self, directory: str | os.PathLike[str], mesh: LocalMesh) -> None:
         """Pick up the times already in the directory and write the mesh; collective.
 
         Raises InputError when a file of a time cannot be read.
@@ -50,7 +52,7 @@ class FieldWriter:
         self.snapshots = on_root(mesh.comm, read_snapshots, self.directory)
         self._write_mesh()
 
-    def write(self, step, time, fields):
+    def write(self, step: int, time: float, fields: dict[str, np.ndarray]) -> None:
         """Write the fields of one step and list them in the XDMF file; collective.
 
         fields : dict name -> (n_owned, k) or (n_owned,), k = 1 scalar, mesh.dim vector, 6 symmetric
@@ -68,7 +70,7 @@ class FieldWriter:
         ]
         self._write_xdmf()
 
-    def truncate(self, time):
+    def truncate(self, time: float) -> None:
         """Drop the times later than the given one; collective."""
         later = [s.path for s in self.snapshots if s.time > time]
         self.snapshots = [s for s in self.snapshots if s.time <= time]
@@ -96,7 +98,7 @@ class FieldWriter:
         on_root(self.mesh.comm, write_text, self.directory / XDMF, text)
 
 
-def read_snapshots(directory):
+def read_snapshots(directory: str | os.PathLike[str]) -> list[Snapshot]:
     """Return the Snapshots (step, time, path, shapes) written in the directory, in the order of
     time.
 

@@ -1,14 +1,15 @@
 """The figures of a run, made from its result directory alone."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, KeysView, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from .field_plots import deformation_scale, displacement, draw_field
-from .fields import FOLDER, read_snapshots
+from .fields import FOLDER, Snapshot, read_snapshots
 from .files import parse_toml, publish, temporary_name
 from .hdf5 import read_slab
 from .history import NAME as HISTORY
@@ -37,7 +38,7 @@ DPI = 200
 PANELS_WITHOUT_TIMES = 4
 
 
-def make_figures(directory):
+def make_figures(directory: Path) -> list[Path]:
     """Draw the figures of a run into its directory; return the paths written.
 
     They are pressure.png, velocity.png, displacement.png, histories.png, paths.png and
@@ -50,7 +51,7 @@ def make_figures(directory):
     return _field_figures(directory, scene, scene.get("figures", {})) + make_curves(directory)
 
 
-def make_curves(directory):
+def make_curves(directory: Path) -> list[Path]:
     """Draw the figures of `make_figures` that need no fields, which are as large as the mesh."""
     directory = Path(directory)
     return _history_figures(directory, _scene(directory).get("figures", {})) + _reference_figure(
@@ -101,7 +102,7 @@ def _field_figures(directory, scene, settings):
     return written
 
 
-def media_of(scene, regions):
+def media_of(scene: dict[str, Any], regions: Sequence[str]) -> dict[str, str]:
     """Return region -> "porous", "fluid" or "solid" by the materials of a scene (dict of its
     TOML).
     """
@@ -149,11 +150,11 @@ class Picture:
     with_solid: bool
 
     @property
-    def media(self):
+    def media(self) -> KeysView[str]:
         """Return the media it is drawn in."""
         return self.words.keys()
 
-    def text(self, media):
+    def text(self, media: dict[str, str]) -> str:
         """Return the label: that of the first of its media that the mesh has."""
         return next(text for medium, text in self.words.items() if medium in media.values())
 
@@ -179,19 +180,20 @@ PICTURES = (
 )
 
 
-def choose_snapshots(snapshots, times):
+def choose_snapshots(snapshots: Sequence[Snapshot], times: Sequence[float]) -> list[Snapshot]:
     """Return the snapshots nearest to the times [s], each once; without times up to four evenly
     spaced ones.
     """
     if not snapshots:
         return []
+    chosen: Iterable[float]
     if len(times) == 0:
         skip = max(len(snapshots) - PANELS_WITHOUT_TIMES, 0) / PANELS_WITHOUT_TIMES
         chosen = np.linspace(
             skip, len(snapshots) - 1, min(len(snapshots), PANELS_WITHOUT_TIMES)
         ).round()
     else:
-        chosen = [np.abs([s.time - t for s in snapshots]).argmin() for t in times]
+        chosen = [int(np.abs([s.time - t for s in snapshots]).argmin()) for t in times]
     return [snapshots[i] for i in sorted({int(i) for i in chosen})]
 
 
@@ -220,7 +222,7 @@ def _reference_figure(directory):
     ]
 
 
-def save_figure(path, draw, *arguments):
+def save_figure(path: Path, draw: Callable, *arguments: Any) -> Path:
     """Draw into a figure of its own, without pyplot, and write it atomically; return its path."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg

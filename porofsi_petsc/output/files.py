@@ -1,30 +1,40 @@
 """Files that are either complete or absent, and errors of rank 0 that every rank sees."""
 
+from __future__ import annotations
+
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import InputError, PorofsiError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
+T = TypeVar("T")
 
-def raise_everywhere(comm, error):
+
+def raise_everywhere(comm: MPI.Comm, error: Exception | None) -> None:
     """Raise the error of rank 0 (or nothing when it is None) on every rank; collective."""
     error = comm.bcast(error)
     if error is not None:
         raise error
 
 
-def on_root(comm, action, *arguments):
+def on_root(comm: MPI.Comm, action: Callable[..., T], *arguments: Any) -> T:
     """Call the action on rank 0 and return its result, or raise its error, on every rank;
     collective.
     """
-    result = error = None
+    result: T | None = None
+    error: Exception | None = None
     if comm.rank == 0:
         try:
             result = action(*arguments)
@@ -36,11 +46,11 @@ def on_root(comm, action, *arguments):
     return comm.bcast(result)
 
 
-def on_all(comm, action):
+def on_all(comm: MPI.Comm, action: Callable[[], T]) -> T:
     """Call the action on every rank and return its result there, or raise the first rank's
     InputError on all; collective.
     """
-    result = error = None
+    error = None
     try:
         result = action()
     except InputError as failure:
@@ -51,7 +61,7 @@ def on_all(comm, action):
     return result
 
 
-def writing_error(failure, path=None):
+def writing_error(failure: OSError, path: str | os.PathLike[str] | None = None) -> PorofsiError:
     """Return the PorofsiError that states which file could not be written and why."""
     path = path or failure.filename or "the output directory"
     reason = failure.strerror or str(failure)
@@ -61,13 +71,13 @@ def writing_error(failure, path=None):
     )
 
 
-def temporary_name(path):
+def temporary_name(path: str | os.PathLike[str]) -> Path:
     """Return the name under which a file is written before it is complete."""
     path = Path(path)
     return path.with_name(path.name + ".tmp")
 
 
-def publish(path):
+def publish(path: str | os.PathLike[str]) -> None:
     """Give the complete temporary file its final name: fsync, rename, fsync of the folder."""
     path = Path(path)
     _fsync(temporary_name(path), os.O_RDWR)
@@ -75,7 +85,7 @@ def publish(path):
     keep_names(path.parent)
 
 
-def keep_names(folder):
+def keep_names(folder: str | os.PathLike[str]) -> None:
     """Force the names in the folder to the disk."""
     _fsync(folder, os.O_RDONLY)
 
@@ -88,13 +98,13 @@ def _fsync(path, flags):
         os.close(descriptor)
 
 
-def write_text(path, text):
+def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Replace the file by the text atomically."""
     temporary_name(path).write_text(text, encoding="utf-8")
     publish(path)
 
 
-def to_json(value, indent=None):
+def to_json(value: Any, indent: int | None = None) -> str:
     """Return the JSON text of plain Python and NumPy values; floats keep all their digits."""
     return json.dumps(value, indent=indent, default=_plain, ensure_ascii=False)
 
@@ -107,6 +117,6 @@ def _plain(value):
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
-def parse_toml(text):
+def parse_toml(text: str) -> dict[str, Any]:
     """Return the dict of a TOML text."""
     return tomllib.loads(text)

@@ -8,7 +8,10 @@ slab at a time, so that no rank ever holds a whole dataset.
 import errno
 import io
 import os
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -20,7 +23,13 @@ from .files import on_root, publish, raise_everywhere, temporary_name, writing_e
 STRUCTURE = 1 << 16  # [bytes] more than the structure of a file takes beside data and attributes
 
 
-def write_slabs(path, comm, slabs, attributes=None, front=None):
+def write_slabs(
+    path: Path,
+    comm: MPI.Comm,
+    slabs: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any] | None = None,
+    front: int | None = None,
+) -> None:
     """Write one dataset per name from the rows of all ranks, in the order of the ranks; collective.
 
     slabs : dict name -> (rows of this rank, ...); the same names, trailing shapes and types on
@@ -168,7 +177,7 @@ def _pieces(comm, slabs, counts):
 
 
 @contextmanager
-def reading(path):
+def reading(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     """Open an HDF5 file for reading; raise InputError where it, or what is done with it, fails."""
     try:
         with h5py.File(path, "r") as file:
@@ -180,7 +189,9 @@ def reading(path):
         ) from failure
 
 
-def read_slab(path, name, start=0, stop=None):
+def read_slab(
+    path: str | os.PathLike[str], name: str, start: int = 0, stop: int | None = None
+) -> np.ndarray:
     """Return the rows start … stop - 1 (all by default) of a dataset; each rank reads for itself.
     Raises InputError.
     """
@@ -188,7 +199,9 @@ def read_slab(path, name, start=0, stop=None):
         return file[name][start:stop]
 
 
-def read_attributes(path):
+def read_attributes(
+    path: str | os.PathLike[str],
+) -> tuple[dict[str, Any], dict[str, tuple[int, ...]]]:
     """Return the attributes at the root of the file and the shape of every dataset.  Raises
     InputError.
     """

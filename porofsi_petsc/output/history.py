@@ -1,11 +1,19 @@
 """history.csv: one row per accepted step, complete up to the last line at any moment."""
 
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError, shown
 from .files import on_root, write_text
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 NAME = "history.csv"
 ADVICE = "delete that line where it is damaged, or write to another directory with --output"
@@ -17,7 +25,9 @@ class History:
     last : time of the last row of an earlier run that was kept [s], None without one
     """
 
-    def __init__(self, directory, columns, comm):
+    def __init__(
+        self, directory: str | os.PathLike[str], columns: Sequence[str], comm: MPI.Comm
+    ) -> None:
         """Start an empty history with the header t, columns, coupling_iterations."""
         self.comm = comm
         self.columns = list(columns)
@@ -27,7 +37,9 @@ class History:
         self._open()
 
     @classmethod
-    def resume(cls, directory, columns, comm, time):
+    def resume(
+        cls, directory: str | os.PathLike[str], columns: Sequence[str], comm: MPI.Comm, time: float
+    ) -> History:
         """Continue the history of a directory: rows later than the time [s] and a torn last line
         are cut atomically.
 
@@ -45,13 +57,13 @@ class History:
         history._open()
         return history
 
-    def append(self, time, values, coupling_iterations):
+    def append(self, time: float, values: Sequence[float], coupling_iterations: int) -> None:
         """Add a row: time [s], one value per column, number of coupling iterations; flushed at
         once.
         """
         on_root(self.comm, self._write_row, time, values, coupling_iterations)
 
-    def close(self):
+    def close(self) -> None:
         """Close the file."""
         if self._file is not None:
             self._file.close()
@@ -128,7 +140,7 @@ def _cut(path, columns, time):
     return float(times[kept[-1]]) if len(kept) else None
 
 
-def read_history(path):
+def read_history(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     """Return dict column -> (rows,) float array of a history.csv; a torn last line is left out.
 
     Raises InputError when there is no such file or it is not a history.

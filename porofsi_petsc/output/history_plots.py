@@ -1,10 +1,17 @@
 """Curves: the histories of the probes and their paths."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from itertools import cycle
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .units import scaled_unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WIDTH = 7.2  # [inch]
 KINDS = {  # symbol in front of the component: what it is, SI unit
@@ -26,7 +33,7 @@ SYMBOLS = (
 )
 
 
-def kinds_of(history):
+def kinds_of(history: Iterable[str]) -> dict[str, list[str]]:
     """Return dict kind -> list of its columns, in the order of KINDS; columns are named
     <probe>.<quantity>.
     """
@@ -35,17 +42,17 @@ def kinds_of(history):
     return {kind: members for kind, members in grouped.items() if members}
 
 
-def probe(column):
+def probe(column: str) -> str:
     """Return the name of the probe of a column."""
     return column.rpartition(".")[0]
 
 
-def quantity(column):
+def quantity(column: str) -> str:
     """Return the name of the quantity of a column."""
     return column.rpartition(".")[2]
 
 
-def draw_histories(figure, history):
+def draw_histories(figure: Figure, history: dict[str, np.ndarray]) -> None:
     """Draw one panel per kind of quantity over time and a small one with the coupling
     iterations.
     """
@@ -92,7 +99,7 @@ def _draw_iterations(ax, history):
     ax.yaxis.set_major_locator(MaxNLocator(4, integer=True))
 
 
-def draw_paths(figure, history, probes):
+def draw_paths(figure: Figure, history: dict[str, np.ndarray], probes: Sequence[str]) -> None:
     """Draw the path of each probe, u_y over u_x, with its start and end marked."""
     columns = min(len(probes), 2)
     rows = -(-len(probes) // columns)

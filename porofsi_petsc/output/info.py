@@ -1,6 +1,7 @@
 """What `porofsi info` says about a file or a result directory."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ SHORT_SUMMARY = (
 )
 
 
-def describe(path):
+def describe(path: str | os.PathLike[str]) -> str:
     """Return a short text about a checkpoint, a summary.json, a history.csv, a mesh file or a
     result directory.
 

@@ -34,7 +34,7 @@ class Lock:
     Linux carries it over NFS too.  A file system without locks gives none: there nobody is refused.
     """
 
-    def __init__(self, directory: Path):
+    def __init__(self, directory: Path) -> None:
         """Take the lock; raise InputError that names the process which holds it, or a file that is
         no lock.
         """

@@ -1,8 +1,10 @@
 """Mean, amplitude and frequency of periodic signals over the last full period of a leading one."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
@@ -27,7 +29,7 @@ class Oscillation:
     frequency: float | None
 
     @property
-    def largest(self):
+    def largest(self) -> float:
         """Return the largest value in the period."""
         return self.mean + self.amplitude
 
@@ -47,7 +49,7 @@ class Period:
     columns: dict
 
 
-def period_analysis(t, columns, of):
+def period_analysis(t: ArrayLike, columns: Mapping[str, ArrayLike], of: str) -> Period | None:
     """Return the Period of the signals, or None when the leading one has no full period (short,
     steady or drifting).
 

@@ -2,10 +2,13 @@
 nodal values.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 
 from ..errors import InputError, digits
+from ..fem.distribute import LocalMesh
 
 # of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
 TOLERANCE = 1e-8
@@ -20,7 +23,12 @@ class Probes:
     ones first, so that the values do not depend on the number of ranks.
     """
 
-    def __init__(self, mesh, points, preferred=None):
+    def __init__(
+        self,
+        mesh: LocalMesh,
+        points: Sequence[tuple[str, Sequence[float]]],
+        preferred: np.ndarray | None = None,
+    ) -> None:
         """Locate the points; collective.
 
         points : list of (name, coordinates (d,) [m]); preferred : (cells,) bool.  Raises InputError
@@ -45,7 +53,7 @@ class Probes:
         )
         self._shape = np.array([found[i][2] for i in self._rows]).reshape(-1, mesh.element.nodes)
 
-    def evaluate(self, array):
+    def evaluate(self, array: np.ndarray) -> np.ndarray:
         """Return the values at the points, (n_probes, k), on every rank; collective.
 
         array : (n_local, k) nodal values with current ghosts.

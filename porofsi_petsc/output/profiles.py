@@ -2,19 +2,27 @@
 scene's [reference].
 """
 
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .files import write_text
 from .units import scaled_unit
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 NAME = "profiles.csv"
 COLUMNS = ("t", "s", "u", "u_exact", "p", "p_exact")
 WIDTH = 7.2  # [inch]
 
 
-def write_profiles(directory, records):
+def write_profiles(directory: str | os.PathLike[str], records: Iterable[dict[str, Any]]) -> None:
     """Write one row per time and point: t [s], s from the start of the line [m], u [m], p [Pa];
     records of a comparison.
     """
@@ -28,14 +36,14 @@ def write_profiles(directory, records):
     write_text(Path(directory) / NAME, "\n".join(rows) + "\n")
 
 
-def read_profiles(path):
+def read_profiles(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     """Return dict column -> (times, points) array of a profiles.csv."""
     values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     times = len(np.unique(values[:, 0]))
     return dict(zip(COLUMNS, values.T.reshape(len(COLUMNS), times, -1), strict=True))
 
 
-def draw_profiles(figure, profiles):
+def draw_profiles(figure: Figure, profiles: dict[str, np.ndarray]) -> None:
     """Draw u and p over s, computed as lines and exact as points, one colour per time."""
     kinds = [
         (name, label)

@@ -5,6 +5,7 @@ elsewhere.
 import sys
 import time as clock
 from contextlib import suppress
+from typing import TextIO
 
 SECONDS_BETWEEN_LINES = 2.0
 SHARE_BETWEEN_LINES = 0.05
@@ -16,8 +17,14 @@ class Progress:
     """
 
     def __init__(
-        self, total_time, quiet=False, is_terminal=None, start_time=0.0, rank=0, stream=None
-    ):
+        self,
+        total_time: float,
+        quiet: bool = False,
+        is_terminal: bool | None = None,
+        start_time: float = 0.0,
+        rank: int = 0,
+        stream: TextIO | None = None,
+    ) -> None:
         """Start the display.
 
         total_time, start_time : last and first simulated time [s] (start_time after a restart).
@@ -32,7 +39,7 @@ class Progress:
         self._show = show(stream)
         next(self._show)
 
-    def update(self, step, time, iterations):
+    def update(self, step: int, time: float, iterations: int) -> None:
         """Show the accepted step, its time [s] and its coupling iterations."""
         share = (time - self.start) / (self.end - self.start) if self.end > self.start else 1.0
         count = f"{iterations} coupling iteration{'s' if iterations != 1 else ''}"
@@ -50,7 +57,7 @@ class Progress:
         first, then = self._first
         return f", {_duration((self.end - time) / (time - first) * (now - then))} left"
 
-    def close(self):
+    def close(self) -> None:
         """End the display and give the terminal back."""
         self._show.close()
 

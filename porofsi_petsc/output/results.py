@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from .hdf5 import read_attributes, read_slab
 SAME_TIME = 1e-9  # relative: a time read from a text has lost its last digits
 
 
-def read_fields(directory: str | os.PathLike, time: float | None = None) -> dict[str, np.ndarray]:
+def read_fields(directory: str | os.PathLike, time: float | None = None) -> dict[str, Any]:
     """Return the nodal fields that a run wrote at a time [s], the last one by default.
 
     Name -> (N,) for a scalar, (N, 3) for a vector (z = 0 in two dimensions), (N, 6) for the stress

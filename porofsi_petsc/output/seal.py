@@ -21,7 +21,7 @@ BLOCK = 1 << 24  # [bytes] of one hash, which are read by one rank
 TITLE = b"porofsi, SHA-256 of the SHA-256 of every 16 MiB from byte 512 on: "
 
 
-def seal(path: Path, comm: MPI.Comm):
+def seal(path: Path, comm: MPI.Comm) -> None:
     """Write the checksum of a file into its front; collective.  Raises PorofsiError when it cannot
     be written.
     """

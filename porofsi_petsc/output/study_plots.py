@@ -1,12 +1,22 @@
 """Figures of the studies: heat maps of iterations, clouds of error over cost."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PANEL = 3.2  # [inch]
 STRONG = 15  # iterations at which the colour ends
 
 
-def draw_heat_maps(figure, panels, columns, rows):
+def draw_heat_maps(
+    figure: Figure, panels: Mapping[str, np.ndarray], columns: Sequence[str], rows: Sequence[str]
+) -> None:
     """Draw one heat map per panel: title -> values (rows, columns); empty where NaN, a cross where
     infinite.
     """
@@ -42,7 +52,11 @@ def draw_heat_maps(figure, panels, columns, rows):
     figure.colorbar(image, ax=axes, label="largest number of iterations of a step", shrink=0.8)
 
 
-def draw_work_precision(figure, series, front):
+def draw_work_precision(
+    figure: Figure,
+    series: Mapping[str, Sequence[Mapping[str, Any]]],
+    front: Sequence[Mapping[str, Any]],
+) -> None:
     """Draw error over wall time, with the Pareto front, and over unknowns; series : label -> rows
     with these columns.
     """

@@ -1,7 +1,9 @@
 """summary.json: what a run did, in numbers; every key is documented here and nowhere else."""
 
 import json
+import os
 from pathlib import Path
+from typing import Any
 
 from .files import to_json, write_text
 
@@ -146,7 +148,7 @@ SUMMARY_KEYS = {
 }
 
 
-def check_summary(summary):
+def check_summary(summary: dict[str, Any]) -> None:
     """Raise KeyError when a documented key is missing or a present one is not documented."""
     present = set(_flat_keys(summary))
     missing = SUMMARY_KEYS.keys() - present
@@ -155,7 +157,7 @@ def check_summary(summary):
         raise KeyError(f"summary: missing {sorted(missing)}, undocumented {sorted(unknown)}")
 
 
-def write_summary(directory, summary):
+def write_summary(directory: str | os.PathLike[str], summary: dict[str, Any]) -> None:
     """Replace summary.json, keys in the order of SUMMARY_KEYS, on the calling rank.  Raises
     KeyError as check_summary.
     """
@@ -163,7 +165,7 @@ def write_summary(directory, summary):
     write_text(Path(directory) / NAME, to_json(_sorted(summary), indent=2) + "\n")
 
 
-def read_summary(directory):
+def read_summary(directory: str | os.PathLike[str]) -> dict[str, Any] | None:
     """Return the summary in a directory, None where there is none with the keys of this version."""
     try:
         summary = json.loads((Path(directory) / NAME).read_text(encoding="utf-8"))
@@ -173,7 +175,7 @@ def read_summary(directory):
     return summary
 
 
-def summary_documentation():
+def summary_documentation() -> str:
     """Return docs/summary.md."""
     rows = [f"| `{key}` | {text} |" for key, text in SUMMARY_KEYS.items()]
     return "\n".join(

@@ -2,12 +2,14 @@
 solid one, and the outline.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from ..elements import ELEMENTS
+from ..elements import ELEMENTS, Element
 from ..mesh.topology import boundary_facets, group_rows
 from .fields import FOLDER
 from .hdf5 import read_attributes, read_slab
@@ -36,21 +38,21 @@ class Surface:
     cut: float | None = None
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Return the space dimension."""
         return self.points.shape[1]
 
     @cached_property
-    def nodes(self):
+    def nodes(self) -> np.ndarray:
         """Return the numbers of the nodes on the triangles."""
         return np.unique(self.triangles)
 
     @property
-    def size(self):
+    def size(self) -> float:
         """Return the largest extent of what is drawn [m]."""
         return np.ptp(self.points[self.nodes], axis=0).max()
 
-    def project(self, points):
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return picture coordinates (N, 2) [m] and depth toward the eye (N,) of points (N, d);
         parallel projection in 3-D.
         """
@@ -68,12 +70,16 @@ class Surface:
         return seen[:, :2], seen[:, 2]
 
 
-def read_regions(directory):
+def read_regions(directory: Path) -> list[str]:
     """Return the names of the regions of the mesh written in a result directory."""
     return list(read_attributes(directory / FOLDER / "mesh.h5")[0]["regions"])
 
 
-def read_surface(directory, cut=None, regions=None):
+def read_surface(
+    directory: Path,
+    cut: float | None = None,
+    regions: Collection[str] | None = None,
+) -> Surface:
     """Return the Surface of the mesh written in a result directory, of some of its regions or all;
     cut as in `surface_of`.
     """
@@ -87,7 +93,9 @@ def read_surface(directory, cut=None, regions=None):
     return surface_of(points, cells, element, cut)
 
 
-def surface_of(points, cells, element, cut=None):
+def surface_of(
+    points: np.ndarray, cells: np.ndarray, element: Element, cut: float | None = None
+) -> Surface:
     """Return the Surface of a mesh; elements of order 2 are split at their mid-edge nodes.
 
     cut : y [m] in front of which a solid domain is left out, None for its middle; all is kept where
