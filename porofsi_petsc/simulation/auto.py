@@ -7,22 +7,34 @@ as for the smaller: positions, velocities and pressure go over, accelerations of
 inertia are zero.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from ..config import Scene
+from ..config.sections import Model
+from ..coupling.medium import Medium
 from ..log import logger
+
+if TYPE_CHECKING:
+    from .loop import Clock
+    from .measures import Omission
 
 OFF, ON = {"porosity": "constant"}, {"porosity": "variable"}  # of the other terms: false and true
 
 
-def auto_terms(model):
+def auto_terms(model: Model) -> list[str]:
     """Return the names of the terms that are "auto" in a [model]."""
     return [name for name in type(model).model_fields if getattr(model, name) == "auto"]
 
 
-def with_model(scene, **terms):
+def with_model(scene: Scene, **terms: bool | str) -> Scene:
     """Return the scene with other terms in its [model]."""
     return scene.model_copy(update={"model": scene.model.model_copy(update=terms)})
 
 
-def at_start(scene):
+def at_start(scene: Scene) -> Scene:
     """Return the scene in which every "auto" term is left out."""
     return with_model(scene, **{name: OFF.get(name, False) for name in auto_terms(scene.model)})
 
@@ -35,7 +47,9 @@ class AutoMedium:
     `summary.json`
     """
 
-    def __init__(self, scene, build, start):
+    def __init__(
+        self, scene: Scene, build: Callable[[Scene], Medium], start: Callable[[Medium, Scene], None]
+    ) -> None:
         """Start without the auto terms (collective).
 
         build : scene without "auto" -> medium at rest; start : (medium, scene) gives it the initial
@@ -44,15 +58,15 @@ class AutoMedium:
         self._build = build
         self._start = start
         self._waiting = auto_terms(scene.model)
-        self.switched = []
+        self.switched: list[dict[str, Any]] = []
         self.scene = at_start(scene)
         self._medium = build(self.scene)
         start(self._medium, self.scene)
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._medium, name)
 
-    def switch(self, omissions, sizes, clock):
+    def switch(self, omissions: Iterable[Omission], sizes: dict[str, float], clock: Clock) -> bool:
         """Switch on every auto term whose size in the present trial step passes its bound; return
         whether one did (collective).
 
@@ -60,7 +74,9 @@ class AutoMedium:
         state stays.
         """
         passed = {
-            o.term: o for o in omissions if o.term in self._waiting and sizes[o.name] > o.bound
+            o.term: o
+            for o in omissions
+            if o.term in self._waiting and o.bound is not None and sizes[o.name] > o.bound
         }
         if not passed:
             return False
@@ -93,16 +109,19 @@ class AutoMedium:
                 block.solver.destroy()
         self._medium = self._build(self.scene)
 
-    def memory(self):
+    def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs beside the arrays."""
         return self._medium.memory() | {"switched": self.switched}
 
-    def resume(self, memory):
+    def resume(self, memory: dict[str, Any]) -> None:
         """Switch on what had been switched on when a checkpoint was written; its state is still to
         be loaded (collective).
         """
         if memory["switched"]:
             self._switch_on(memory["switched"])
+
+
+AnyMedium = Medium | AutoMedium
 
 
 def _record(term, passed, sizes, clock):

@@ -1,22 +1,27 @@
 """From a scene to a distributed mesh, two phases and their coupling."""
 
+from mpi4py import MPI
+
+from ..config import Scene
 from ..coupling.accelerators import ACCELERATORS
 from ..coupling.monolithic import MonolithicCoupling
 from ..coupling.porous import GUARDS, PorousCoupling
 from ..errors import InputError
-from ..fem.distribute import distribute
+from ..fem.distribute import LocalMesh, distribute
 from ..fem.domain import Domain
 from ..linalg.partition import partition
+from ..linalg.stopwatch import Stopwatch
 from ..mesh.check import boundary_tags, require_every_tag, require_regions, require_tags
 from ..mesh.generate import box, rectangle
 from ..mesh.graph import node_graph
 from ..mesh.interface import INTERFACE, with_interface
+from ..mesh.mesh import Mesh
 from ..mesh.read import read_mesh
 from ..output.files import on_root
 from ..phases.fluid import FluidPhase
 from ..phases.mixture import DirectMixture, QuasiDirectMixture
 from ..phases.solid import SolidPhase
-from .auto import AutoMedium, auto_terms
+from .auto import AnyMedium, AutoMedium, auto_terms
 from .fall_back import tried_by_itself
 from .interface import interface_medium
 from .locking import require_no_locking
@@ -28,7 +33,7 @@ from .supports import require_supports
 MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
 
 
-def serial_mesh(scene):
+def serial_mesh(scene: Scene) -> Mesh:
     """Return the checked serial mesh of a scene; raises InputError (call it on one rank)."""
     section = scene.mesh
     where = str(scene.source_path or "scene")
@@ -105,7 +110,7 @@ def _require_materials(mesh, scene, where):
         )
 
 
-def local_mesh(scene, comm):
+def local_mesh(scene: Scene, comm: MPI.Comm) -> LocalMesh:
     """Return the `LocalMesh` of every rank (collective)."""
     serial = []
     on_root(comm, lambda: serial.append(serial_mesh(scene)))
@@ -115,7 +120,7 @@ def local_mesh(scene, comm):
     return distribute(comm, mesh, owner)
 
 
-def build_coupling(scene, mesh, stopwatch):
+def build_coupling(scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> AnyMedium:
     """Return the coupling scheme of a scene with its phases in their initial state (collective)."""
     domain = Domain(mesh) if scene.is_porous else None
 

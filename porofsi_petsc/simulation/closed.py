@@ -2,15 +2,27 @@
 which the scheme is chosen.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from ..config import Scene
 from ..errors import InputError
 from ..fem.closed import ClosedPart, closed_nodes
+from ..fem.domain import Domain
+from ..fem.essential import Dirichlet, Essential
 from .conditions import sample_times
 from .setups import MONOLITHIC
 
 
-def closed_parts(scene, domain, velocity, entries, held):
+def closed_parts(
+    scene: Scene,
+    domain: Domain,
+    velocity: Dirichlet,
+    entries: Sequence[Essential],
+    held: np.ndarray,
+) -> tuple[ClosedPart, ...]:
     """Return the `fem.closed.ClosedPart`s of a fluid (collective); raise IncompatibleData where its
     data have a net flux.
 
@@ -35,7 +47,7 @@ class InterfaceScheme(NamedTuple):
     notices: tuple = ()
 
 
-def interface_scheme(scene, closed_by_solid, direct):
+def interface_scheme(scene: Scene, closed_by_solid: bool, direct: bool) -> InterfaceScheme:
     """Return the `InterfaceScheme` of a scene; raise InputError where what it asks for leaves the
     pressure no level.
 

@@ -2,8 +2,14 @@
 at before a run.
 """
 
+from collections.abc import Callable, Collection, Sequence
+
 import numpy as np
 
+from ..config import Expression, Scene
+from ..config.sections import Time
+from ..config.types import Vector
+from ..fem.distribute import LocalMesh
 from ..fem.essential import Dirichlet, Essential
 
 AXES = "xyz"
@@ -17,14 +23,14 @@ ROUND_OFF = 1e-14  # of a value that a formula gives, some tens of units in the 
 SAMPLES = 16
 
 
-def components(vector):
+def components(vector: Vector) -> dict[int, Expression]:
     """Return dict component -> expression of the given components of a `config.Vector`."""
     return {
         i: getattr(vector, axis) for i, axis in enumerate(AXES) if getattr(vector, axis) is not None
     }
 
 
-def essentials(scene, quantity, tags=None):
+def essentials(scene: Scene, quantity: str, tags: Collection[str] | None = None) -> list[Essential]:
     """Return the `Essential`s of displacement, velocity or pressure, on the tags if some are given.
 
     On a node that several share, the highest `priority` holds; at the same one a wall, a velocity
@@ -47,12 +53,14 @@ def essentials(scene, quantity, tags=None):
     return found
 
 
-def _is_zero(expression):
+def _is_zero(expression: Expression) -> bool:
     """Return whether an expression is the number 0."""
     return expression.is_constant and not expression(0.0, np.zeros((1, 3))).any()
 
 
-def dirichlet(scene, mesh, components, given):
+def dirichlet(
+    scene: Scene, mesh: LocalMesh, components: int, given: Sequence[Essential]
+) -> Dirichlet:
     """Return the `Dirichlet` of some `Essential`s of a scene, which are compared at `sample_times`
     (collective).
     """
@@ -61,7 +69,7 @@ def dirichlet(scene, mesh, components, given):
     )
 
 
-def sample_times(section):
+def sample_times(section: Time) -> list[float]:
     """Return times that stand for a whole run [s]: 0+, the first step, and SAMPLES parts of the
     rest.
     """
@@ -72,19 +80,21 @@ def sample_times(section):
     ]
 
 
-def at_once(section):
+def at_once(section: Time) -> float:
     """Return a time that stands for 0+ [s]: after `where(t > 0, …)` switches, before anything else
     has changed.
     """
     return AT_ONCE * section.step
 
 
-def just_after(t, section):
+def just_after(t: float, section: Time) -> float:
     """Return the first of the times from which `rate_after` takes a rate [s]."""
     return t + RATE * section.step
 
 
-def rate_after(values, t, section):
+def rate_after(
+    values: Callable[[float], np.ndarray], t: float, section: Time
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the right-hand derivative at t of values(t) -> (n,), and a bound of its error, (n,)
     each.
 
@@ -99,7 +109,7 @@ def rate_after(values, t, section):
     return quotient - correction, 2 * np.abs(correction) + ROUND_OFF * np.abs(second) / delta
 
 
-def nodes_of(mesh, tags):
+def nodes_of(mesh: LocalMesh, tags: Collection[str]) -> np.ndarray:
     """Return the nodes of tagged surfaces, (n_local,) bool with ghosts (collective)."""
     mask = np.zeros(mesh.n_local, dtype=np.uint8)
     for tag in tags:
@@ -108,7 +118,7 @@ def nodes_of(mesh, tags):
     return mask.astype(bool)
 
 
-def no_slip_nodes(scene, mesh):
+def no_slip_nodes(scene: Scene, mesh: LocalMesh) -> np.ndarray:
     """Return the nodes with v_f = v_s, (n_local,) bool: not where a velocity of higher priority
     holds (collective).
     """
@@ -122,7 +132,7 @@ def no_slip_nodes(scene, mesh):
     return mask
 
 
-def nodal_field(mesh, vector):
+def nodal_field(mesh: LocalMesh, vector: Vector) -> np.ndarray:
     """Return the nodal values of a `config.Vector` at t = 0, (n_local, d); zero where a component
     is absent.
     """

@@ -2,11 +2,22 @@
 to the whole.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..clock import Scheme
 from ..errors import ConvergenceError
 from ..log import logger
+from ..phases.transfer import Rates
+from .auto import AnyMedium
+
+if TYPE_CHECKING:
+    from .loop import Clock
 
 FIRST, SMALLEST = 0.5, 1 / 64  # parts of the load: the first one tried, and below which none is
 ADVICE = (
@@ -21,15 +32,15 @@ class Scaled:
     ones are known.
     """
 
-    factor: "LoadFactor"
+    factor: LoadFactor
     expression: Callable
 
     @property
-    def source(self):
+    def source(self) -> object:
         """Return the text of the expression."""
         return getattr(self.expression, "source", self.expression)
 
-    def __call__(self, t, X):
+    def __call__(self, t: float, X: np.ndarray) -> np.ndarray:
         """Return the values at points X (n, d), (n,)."""
         part = self.factor.value
         since = self.factor.since
@@ -45,12 +56,12 @@ class LoadFactor:
     since : time [s] of the state that the way sets out from; None: from none of the data
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Start with the whole load."""
         self.value = 1.0
         self.since = None
 
-    def of(self, expression):
+    def of(self, expression: Callable) -> Scaled:
         """Return the expression `Scaled` by this factor."""
         return Scaled(self, expression)
 
@@ -64,7 +75,12 @@ class Continuation:
     doubled.
     """
 
-    def __init__(self, coupling, clock, solve):
+    def __init__(
+        self,
+        coupling: AnyMedium,
+        clock: Clock,
+        solve: Callable[[tuple[Scheme, Scheme], Rates], None],
+    ) -> None:
         """Take the medium, the `Clock` that counts the parts, and what solves the next step at
         once: (schemes, rates).
         """
@@ -73,12 +89,13 @@ class Continuation:
         self._solve = solve
         self._factor = coupling.load_factor
 
-    def solve(self, schemes, rates):
+    def solve(self, schemes: tuple[Scheme, Scheme], rates: Rates) -> None:
         """Solve the next step; raise ConvergenceError, changing nothing, where no path leads to it
         (collective).
         """
         try:
-            return self._solve(schemes, rates)
+            self._solve(schemes, rates)
+            return
         except ConvergenceError as error:
             failure = error
         coupling = self._coupling

@@ -6,11 +6,15 @@ that of the wall, contradicts it.
 """
 
 import collections
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 
+from ..config import Scene
 from ..errors import InputError
 from ..fem.boundary import facet_normals
+from ..fem.distribute import LocalMesh
 from .conditions import at_once, components, just_after, rate_after, sample_times
 
 # Of the largest velocity in the run: below errors of discretization, above the digits of numbers
@@ -18,12 +22,12 @@ from .conditions import at_once, components, just_after, rate_after, sample_time
 SAME = 1e-3
 
 
-def require_one_drainage(scene, mesh):
+def require_one_drainage(scene: Scene, mesh: LocalMesh) -> None:
     """Raise InputError where a normal velocity has a pressure beside it, or no flux and is not the
     wall's (collective).
     """
     where = scene.source_path or "scene"
-    tags = collections.defaultdict(dict)
+    tags: dict[str, dict[Any, Any]] = collections.defaultdict(dict)
     for i, boundary in enumerate(scene.boundary):
         for tag in boundary.on:
             tags[tag] |= {
@@ -50,7 +54,7 @@ def require_one_drainage(scene, mesh):
             _require_wall(scene, mesh, tag, given, velocity, place)
 
 
-def holds_normal(mesh, tag, held):
+def holds_normal(mesh: LocalMesh, tag: str, held: Collection[int]) -> bool:
     """Return whether the prescribed components hold more than half of the mean squared normal
     (collective).
     """

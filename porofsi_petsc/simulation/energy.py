@@ -10,7 +10,12 @@ to solver tolerance.  The time scheme's own dissipation is Δt (P_inertia + P_st
 elastic energy); with finite strain it holds the transport of fluid through the boundary as well.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from ..phases.residual import Residual
 
 
 @dataclass
@@ -27,13 +32,13 @@ class Energy:
     initial: float = 0.0
     largest_work: float = 0.0
 
-    def start(self, kinetic, elastic):
+    def start(self, kinetic: float, elastic: float) -> None:
         """Set the energies of the initial state."""
         self.kinetic = kinetic
         self.elastic = elastic
         self.initial = kinetic + elastic
 
-    def remodel(self, kinetic, elastic):
+    def remodel(self, kinetic: float, elastic: float) -> None:
         """Go on with the energies of another [model] of the same state; the difference counts as
         given at the start.
         """
@@ -41,7 +46,9 @@ class Energy:
         self.kinetic = kinetic
         self.elastic = elastic
 
-    def add_step(self, dt, powers, kinetic, elastic):
+    def add_step(
+        self, dt: float, powers: Mapping[str, float], kinetic: float, elastic: float
+    ) -> None:
         """Add an accepted step: powers as `step_powers` gives them, energies at its end."""
         stored = dt * powers["stored"]
         self.external_work += dt * powers["external"]
@@ -54,7 +61,7 @@ class Energy:
         self.largest_work = max(self.largest_work, abs(self.external_work))
 
     @property
-    def balance_error(self):
+    def balance_error(self) -> float:
         """Return external work minus change of energy minus all dissipations [J]."""
         dissipated = (
             self.drag_dissipation
@@ -64,7 +71,7 @@ class Energy:
         )
         return self.external_work - (self.kinetic + self.elastic - self.initial) - dissipated
 
-    def report(self):
+    def report(self) -> dict[str, float]:
         """Return the entries of the summary."""
         scale = max(self.largest_work, abs(self.initial), self.kinetic + self.elastic)
         names = [
@@ -82,16 +89,22 @@ class Energy:
         }
         return {name: getattr(self, name) for name in names} | errors
 
-    def state(self):
+    def state(self) -> dict[str, float]:
         """Return the numbers a restart needs."""
         return asdict(self)
 
-    def load(self, state):
+    def load(self, state: dict[str, float]) -> None:
         """Continue from `state`."""
         vars(self).update(state)
 
 
-def step_powers(solid_residual, fluid_residuals, v_s, v_f, p):
+def step_powers(
+    solid_residual: Residual,
+    fluid_residuals: tuple[Residual, Residual],
+    v_s: np.ndarray,
+    v_f: np.ndarray,
+    p: np.ndarray,
+) -> dict[str, float]:
     """Return the powers of a converged step [W]; v_s, v_f (n_owned, d), p (n_owned, 1) on the
     collocation level (collective).
 

@@ -2,14 +2,25 @@
 tangents.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..clock import Scheme
+from ..config import Scene
 from ..errors import ConvergenceError
 from ..log import logger
+from ..phases.transfer import Rates
+from .auto import AnyMedium
+
+if TYPE_CHECKING:
+    from .loop import Clock
 
 # remedy of `coupling.medium.Medium.remedies` -> what the log says of it
 WORDING = {"accelerator": "another accelerator", "tangents": "new tangents"}
 
 
-def tried_by_itself(scene):
+def tried_by_itself(scene: Scene) -> frozenset[str]:
     """Return what a run of the scene tries before it gives up: remedies of its coupling and "step",
     a smaller one.
     """
@@ -29,18 +40,19 @@ class FallBack:
     of none.
     """
 
-    def __init__(self, coupling, clock):
+    def __init__(self, coupling: AnyMedium, clock: Clock) -> None:
         """Take the coupling and the `Clock` that counts the steps saved by a remedy."""
         self._coupling = coupling
         self._clock = clock
 
-    def solve(self, schemes, rates):
+    def solve(self, schemes: tuple[Scheme, Scheme], rates: Rates) -> None:
         """Solve the next step; raise the first ConvergenceError where no remedy helps
         (collective).
         """
         arguments = schemes, rates, self._clock.t, self._clock.step + 1
         try:
-            return self._coupling.step(*arguments)
+            self._coupling.step(*arguments)
+            return
         except ConvergenceError as error:
             failure = error
         for remedy in self._coupling.remedies:
@@ -52,7 +64,8 @@ class FallBack:
                     self._coupling.step(*arguments)
             except ConvergenceError:
                 continue
-            return self._count(remedy, failure)
+            self._count(remedy, failure)
+            return
         raise failure
 
     def _count(self, remedy, failure):

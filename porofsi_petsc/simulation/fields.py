@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ..config import Scene
-from ..coupling.medium import Medium
+from .auto import AnyMedium
 from .measures import Measures
 
 UNITS = {
@@ -27,7 +27,7 @@ class Fields(Mapping):
     the mesh in the fluid.  What a scene has no phase for is no field of it.
     """
 
-    def __init__(self, scene: Scene, coupling: Medium, measures: Measures):
+    def __init__(self, scene: Scene, coupling: AnyMedium, measures: Measures) -> None:
         """Take what has the accepted state."""
         self._coupling = coupling
         self._measures = measures

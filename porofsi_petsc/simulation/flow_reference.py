@@ -1,11 +1,19 @@
 """The exact flow of a scene and the distance of the computed velocity and pressure from it."""
 
+from collections.abc import Callable
+
 import numpy as np
 
+from ..config import Scene
 from ..exact import EthierSteinman, Kovasznay, TaylorGreen
+from ..fem.domain import Domain
 from .reference import Comparison
 
-FLOWS = {"kovasznay": Kovasznay, "taylor_green": TaylorGreen, "ethier_steinman": EthierSteinman}
+FLOWS: dict[str, Callable] = {
+    "kovasznay": Kovasznay,
+    "taylor_green": TaylorGreen,
+    "ethier_steinman": EthierSteinman,
+}
 
 
 class FlowComparison(Comparison):
@@ -15,11 +23,13 @@ class FlowComparison(Comparison):
     count, over ρU² and √volume.
     """
 
-    def __init__(self, scene, domain):
+    def __init__(self, scene: Scene, domain: Domain) -> None:
         """Prepare the quadrature over the owned elements of the fluid's domain (collective)."""
-        section, (material,) = scene.reference, scene.material
+        section = scene.reference
+        fluid = scene.material[0].fluid
+        assert section and fluid  # `Scene` refuses flows without
         self._exact = FLOWS[section.solution](
-            material.fluid.density, material.fluid.viscosity, section.speed, section.length
+            fluid.density, fluid.viscosity, section.speed, section.length
         )
         self._prepare(scene, domain)
 
@@ -37,6 +47,6 @@ class FlowComparison(Comparison):
     def _profile(self, t, v, p):
         return {}
 
-    def table(self):
+    def table(self) -> dict[str, np.ndarray]:
         """Return the errors as a history: t and error.v, error.p, each (records,)."""
         return self._columns({"t": "at", "error.v": "v", "error.p": "p"})

@@ -5,6 +5,8 @@ behind them.
 import numpy as np
 from mpi4py import MPI
 
+from ..config import Scene
+from ..coupling.interface import InterfaceMedium
 from ..fem.boundary import has_facets
 from ..phases.surface_force import FluidForce, SolidForce, State
 
@@ -12,7 +14,7 @@ from ..phases.surface_force import FluidForce, SolidForce, State
 class Forces:
     """The forces on the surfaces of a scene with free fluids and solids."""
 
-    def __init__(self, scene, coupling):
+    def __init__(self, scene: Scene, coupling: InterfaceMedium) -> None:
         """Find the surfaces (collective)."""
         self._coupling = coupling
         self._comm = coupling.solid.mesh.comm
@@ -26,7 +28,7 @@ class Forces:
             return FluidForce.on(fluid.setup, tags)
         return SolidForce.on(solid.setup, tags)
 
-    def at(self, t):
+    def at(self, t: float) -> list[float]:
         """Return the forces at the present time t, component by component (collective).
 
         They are zero before the first step, which leaves no residual to be split.

@@ -4,10 +4,11 @@ coupling.
 
 import numpy as np
 
+from ..config import Scene
 from ..config.expressions import Expression
 from ..coupling.accelerators import ACCELERATORS
 from ..coupling.condensed import CondensedCoupling
-from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMonolithic
+from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMedium, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
 from ..fem.boundary import (
@@ -19,10 +20,12 @@ from ..fem.boundary import (
     tags_of,
 )
 from ..fem.closed import closed_nodes
+from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..fem.essential import Essential
 from ..fem.transfer import InterfaceTransfer, Pair
 from ..linalg.options import are_factored
+from ..linalg.stopwatch import Stopwatch
 from ..materials import MESH_MOTION
 from ..phases.condensed import CondensedSolid
 from ..phases.fluid import FluidPhase
@@ -43,7 +46,7 @@ CONDENSED = 1500
 SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
 
 
-def interface_medium(scene, mesh, stopwatch):
+def interface_medium(scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> InterfaceMedium:
     """Return the coupling of a scene without porous materials in its initial state (collective)."""
     builder = _Builder(scene, mesh, stopwatch)
     setups = builder.solid(), builder.fluid(), builder.motion()

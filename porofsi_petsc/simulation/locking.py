@@ -2,10 +2,15 @@
 which lock.
 """
 
+from pathlib import Path
+
+from ..config import Scene
+from ..config.material import Solid
 from ..errors import InputError, digits
+from ..mesh.mesh import Mesh
 
 
-def require_no_locking(scene, mesh, where):
+def require_no_locking(scene: Scene, mesh: Mesh, where: str | Path) -> None:
     """Raise InputError where a solid without pores has linear elements and a larger Poisson ratio
     than [limits] locking.
     """
@@ -13,7 +18,8 @@ def require_no_locking(scene, mesh, where):
     if mesh.element.order > 1 or bound == "report":
         return
     for i, material in enumerate(scene.material):
-        if material.kind == "solid" and (nu := poisson(material.solid)) > bound:
+        solid = material.solid if material.kind == "solid" else None
+        if solid and (nu := poisson(solid)) > bound:
             raise InputError(
                 f"{where} [material.{i}.solid]: received a Poisson ratio of {digits(nu)} on linear"
                 f" elements, expected {digits(bound)} at most, because they lock: displacements"
@@ -23,8 +29,11 @@ def require_no_locking(scene, mesh, where):
             )
 
 
-def poisson(solid):
+def poisson(solid: Solid) -> float:
     """Return ν = λ/(2 (λ + μ)) of a `config.material.Solid` [-], without the round-off of a given
     one.
     """
-    return round(solid.lambda_ / (2 * (solid.lambda_ + solid.mu)), 12)
+    lam = solid.lambda_
+    mu = solid.mu
+    assert lam is not None and mu is not None  # `Solid` has made them of other parameters
+    return round(lam / (2 * (lam + mu)), 12)

@@ -3,10 +3,13 @@
 import signal
 import time
 from collections.abc import Callable
+from typing import Any
 
 from mpi4py import MPI
 
-from ..clock import Steady, backward_euler, first_order, implicit_second_order, second_order
+from ..clock import Scheme, Steady, backward_euler, first_order, implicit_second_order, second_order
+from ..config import Scene
+from ..config.sections import Model, Time
 from ..config.steps import RESOLUTION
 from ..errors import (
     SMALLER_STEP,
@@ -14,16 +17,18 @@ from ..errors import (
     IncompatibleData,
     InputError,
     LimitError,
+    PorofsiError,
     Stopped,
 )
 from ..linalg.options import check_options
 from ..log import logger
 from ..phases.transfer import Rates
 from ..signals import forget, noted
-from .auto import auto_terms
+from .auto import AnyMedium, AutoMedium
 from .continuation import Continuation
-from .energy import step_powers
+from .energy import Energy, step_powers
 from .fall_back import WORDING, FallBack
+from .measures import Measures
 from .step_control import StepControl, StepTooLarge
 
 ABSENT_PREFIXES = (
@@ -42,7 +47,7 @@ SNAP = 1e-9
 class Clock:
     """Present time, accepted steps, and the size of the next step."""
 
-    def __init__(self, section):
+    def __init__(self, section: Time) -> None:
         """Start at t = 0 with the [time] section of the scene."""
         self._section = section
         self.t = 0.0
@@ -51,17 +56,18 @@ class Clock:
         self.load_parts = 0
         self.nominal = section.step
         # end and size of the parts of a nominal step that was cut
-        self.target = self.substep = None
+        self.target: float | None = None
+        self.substep: float | None = None
         self.halvings = 0  # of that step
         self.end = section.end
         self.fall_backs = dict.fromkeys(WORDING, 0)  # remedy -> steps that converged with it only
 
     @property
-    def finished(self):
+    def finished(self) -> bool:
         """Return whether the end is reached."""
         return self.t >= self.end
 
-    def next_target(self):
+    def next_target(self) -> float:
         """Return the end of the next (or the cut) nominal step [s], which may be the end of the
         run.
         """
@@ -73,14 +79,14 @@ class Clock:
             target = multiple
         return self.end if target > self.end - SNAP * self.nominal else target
 
-    def size_to(self, target):
+    def size_to(self, target: float) -> float:
         """Return the step size to the target: the nominal one, to the last digit, wherever it
         fits.
         """
         rest = target - self.t
         return self.nominal if abs(rest - self.nominal) < 2 * SNAP * self.nominal else rest
 
-    def next_size(self):
+    def next_size(self) -> float:
         """Return the size of the next step: the nominal one, or a part of one that was cut; the
         nominal one at the end.
         """
@@ -89,11 +95,11 @@ class Clock:
         return min(self.substep or float("inf"), self.size_to(self.next_target()))
 
     @property
-    def smallest_step(self):
+    def smallest_step(self) -> float:
         """Return the size [s] below which a step would be lost in the digits of the time."""
         return RESOLUTION * self.t
 
-    def cut(self, target, dt):
+    def cut(self, target: float, dt: float) -> None:
         """Go on to the target in parts of size dt."""
         self.cuts = self.cuts + 1
         self.halvings = self.halvings + 1
@@ -104,12 +110,12 @@ class Clock:
         self.target = self.substep = None
         self.halvings = 0
 
-    def repeat_with(self, dt):
+    def repeat_with(self, dt: float) -> None:
         """Forget the step on the way and go on with nominal steps of size dt."""
         self._forget_cuts()
         self.nominal = dt
 
-    def advance(self, dt, target):
+    def advance(self, dt: float, target: float) -> None:
         """Count an accepted step of size dt on the way to the target; there the nominal step grows
         for the next one.
         """
@@ -122,21 +128,25 @@ class Clock:
                 max(self._section.max_step or float("inf"), self._section.step),
             )
 
-    def next_schemes(self, model):
+    def next_schemes(self, model: Model) -> tuple[tuple[Scheme, Scheme], Rates]:
         """Return `schemes` for the next step."""
         return self.schemes(model, self.next_size())
 
-    def schemes(self, model, dt):
+    def schemes(self, model: Model, dt: float) -> tuple[tuple[Scheme, Scheme], Rates]:
         """Return the time schemes of solid and fluid for a step of size dt, and their `Rates`."""
         section = self._section
-        if section.scheme != "generalized_alpha":
-            solid = fluid = {"backward_euler": backward_euler, "steady": Steady}[section.scheme](dt)
+        solid: Scheme
+        fluid: Scheme
+        if section.scheme == "steady":
+            solid = fluid = Steady(dt)
+        elif section.scheme == "backward_euler":
+            solid = fluid = backward_euler(dt)
         else:
             fluid = first_order(section.rho_inf, dt)
             solid = second_order(section.rho_inf, dt) if model.solid_inertia else fluid
         return (solid, fluid), _rates(model, solid, fluid)
 
-    def starting_schemes(self, model):
+    def starting_schemes(self, model: Model) -> tuple[tuple[Scheme, Scheme], Rates]:
         """Return the same for the small implicit step from which a consistent start takes its
         accelerations.
         """
@@ -145,7 +155,7 @@ class Clock:
         fluid = backward_euler(dt)
         return (solid, fluid), _rates(model, solid, fluid)
 
-    def state(self):
+    def state(self) -> dict[str, Any]:
         """Return the numbers a restart needs."""
         names = (
             "t",
@@ -160,7 +170,7 @@ class Clock:
         )
         return {name: getattr(self, name) for name in names}
 
-    def load(self, state):
+    def load(self, state: dict[str, Any]) -> None:
         """Continue from `state`; a scene without growth keeps its own step size."""
         self.t = state["t"]
         self.step = state["step"]
@@ -181,13 +191,13 @@ def _rates(model, solid, fluid):
 class StopRequest:
     """A noted signal or the time limit asks for an end; all ranks agree after each step."""
 
-    def __init__(self, comm, max_time, advice):
+    def __init__(self, comm: MPI.Comm, max_time: float | None, advice: str) -> None:
         """Let the time limit [s], None for none, begin; advice : how to go on after the stop."""
         self._comm = comm
         self._advice = advice
         self._deadline = time.monotonic() + max_time if max_time else None
 
-    def __call__(self, clock):
+    def __call__(self, clock: Clock) -> None:
         """Raise Stopped where the run must stop before its end (collective)."""
         reason = self._reason()
         if reason and not clock.finished:
@@ -209,7 +219,14 @@ class StopRequest:
 class TimeLoop:
     """Advance a coupling from step to step."""
 
-    def __init__(self, scene, coupling, energy, measures, after_step: Callable = lambda: None):
+    def __init__(
+        self,
+        scene: Scene,
+        coupling: AnyMedium,
+        energy: Energy,
+        measures: Measures,
+        after_step: Callable = lambda: None,
+    ) -> None:
         """Take what is advanced and what measures it; after_step is called after every accepted
         step (collective).
         """
@@ -225,25 +242,25 @@ class TimeLoop:
             if scene.time.error_tolerance
             else None
         )
-        self.auto = coupling if auto_terms(scene.model) else None
+        self.auto = coupling if isinstance(coupling, AutoMedium) else None
         self._solve = FallBack(coupling, self.clock).solve
         if coupling.load_factor and scene.coupling.on_failure != "stop":
             self._solve = Continuation(coupling, self.clock, self._solve).solve
-        self.iterations = []
+        self.iterations: list[int] = []
 
     @property
-    def model(self):
+    def model(self) -> Model:
         """Return the [model] as it is solved now."""
         return self.auto.scene.model if self.auto else self._scene.model
 
     @property
-    def shared_errors(self):
+    def shared_errors(self) -> tuple[type[PorofsiError], ...]:
         """Return the errors that all ranks raise together: on one rank any InputError of an
         expression is among them.
         """
         return COLLECTIVE if self._coupling.solid.mesh.comm.size > 1 else (*COLLECTIVE, InputError)
 
-    def run(self, stop: Callable[[], bool] = lambda: False):
+    def run(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Advance to the end of the clock, or until stop(), asked after every step, is true
         (collective).
         """
@@ -254,7 +271,7 @@ class TimeLoop:
             if stop():
                 return
 
-    def step(self):
+    def step(self) -> None:
         """Make the next accepted step: the nominal one, or a part of it when the coupling fails and
         the scene allows cuts.
 

@@ -2,25 +2,37 @@
 pressure oscillations.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
 
+from ..config import Scene
 from ..config.sections import LIMIT_OF
+from ..coupling.protocols import Fluid, Solid
 from ..errors import LimitError
+from ..fem.domain import Domain
 from ..fem.essential import owned_nodes
 from ..fem.geometry import Rule, geometry
 from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain
+from ..materials.porous import PorousMaterial
+from ..phases.residual import Residual
+from ..phases.transfer import Skeleton
 from ..tensors import det_minus_one, transpose
-from .auto import at_start
+from .auto import AnyMedium, at_start
 from .flow_reference import FlowComparison
 from .lasting import Lasting
 from .reference import Comparison
 from .setups import materials_of
+
+if TYPE_CHECKING:
+    from .loop import Clock
 
 STRESS_DOUBLES = 60  # of work at a point of the stress: gradients, tensors of three dimensions
 
@@ -30,7 +42,7 @@ class NodalAverage:
     that each element has at the node; exact for constants on any order.
     """
 
-    def __init__(self, domain):
+    def __init__(self, domain: Domain) -> None:
         """Prepare the weights."""
         self._domain = domain
         self._volume = domain.reference.dV.sum(axis=1)
@@ -42,7 +54,7 @@ class NodalAverage:
             values = np.repeat(values[:, None], A, axis=1)
         return values * self._volume[:, None, None]
 
-    def __call__(self, cell_values):
+    def __call__(self, cell_values: np.ndarray) -> np.ndarray:
         """Return the nodal values (n_owned, k) of values (E, k) of the elements or (E, A, k) at
         their nodes; zero outside of the domain.
         """
@@ -73,7 +85,7 @@ class TrialStep:
     [m/s²], all (n_local, d).
     """
 
-    def __init__(self, medium, dt):
+    def __init__(self, medium: AnyMedium, dt: float) -> None:
         """Take the trial states of a medium after a step of size dt (collective)."""
         solid = medium.solid
         fluid = medium.fluid
@@ -85,13 +97,16 @@ class TrialStep:
         self.v_m = medium.carrier().end_velocity
         self.solid_rate = (self.v_s - solid.v) / dt
         self.fluid_rate = (self.v_f - fluid.v) / dt
-        self.solid_residual, (self.fluid_residual, _) = medium.residuals
+        self.solid_residual: Residual = medium.residuals[0]
+        self.fluid_residual: Residual = medium.residuals[1][0]
 
 
 class Measures:
     """Fields for output and sizes of neglected terms of the accepted state of a coupling."""
 
-    def __init__(self, scene, coupling, materials):
+    def __init__(
+        self, scene: Scene, coupling: AnyMedium, materials: dict[str, PorousMaterial]
+    ) -> None:
         """Prepare what the scene's model leaves out; `sizes` (name -> largest size) belongs to the
         run and its checkpoints.
         """
@@ -120,7 +135,7 @@ class Measures:
 
     # -- fields ------------------------------------------------------------------------------------
 
-    def porosity(self, skeleton):
+    def porosity(self, skeleton: Skeleton) -> np.ndarray:
         """Return n_f at the nodes, (n_owned, 1)."""
         values = np.empty((self._fluid.n_cells, 1))
         for region, span in self._fluid.region_slices.items():
@@ -132,7 +147,7 @@ class Measures:
                 )
         return self._in_fluid(values)
 
-    def stress(self, u):
+    def stress(self, u: np.ndarray) -> np.ndarray:
         """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy,
         yz, zz (2-D: plane strain).
 
@@ -146,6 +161,7 @@ class Measures:
                 displacement_gradient(self._at_nodes(chunk).G, domain.gather(u, chunk))
             )
             law = self._materials[region].elastic
+            assert law is not None  # a solid has one
             P = law.stress(H)
             F = deformation(H)
             cauchy = (
@@ -174,7 +190,7 @@ class Measures:
             interior[owned_nodes(self._mesh, tag)] = False
         return interior
 
-    def watch_pressure(self, p):
+    def watch_pressure(self, p: np.ndarray) -> None:
         """Record |p - p̄| and |p| over interior nodes (Euclidean), p̄ the volume-weighted average
         over the elements of a node.
         """
@@ -186,11 +202,11 @@ class Measures:
         self.largest_pressure = max(self.largest_pressure, float(np.sqrt(squares[1])))
 
     @property
-    def oscillation_indicator(self):
+    def oscillation_indicator(self) -> float:
         """Return the largest |p - p̄| over the largest |p| of the run."""
         return self.roughness / self.largest_pressure if self.largest_pressure else 0.0
 
-    def compare(self, clock, solid, fluid):
+    def compare(self, clock: Clock, solid: Solid, fluid: Fluid) -> None:
         """Record the errors against the scene's exact solution where they are due (collective)."""
         if self.comparison:
             self.comparison.after_step(
@@ -199,7 +215,7 @@ class Measures:
 
     # -- neglected terms ---------------------------------------------------------------------------
 
-    def remodel(self, scene):
+    def remodel(self, scene: Scene) -> None:
         """Go on with another [model] of the scene; the sizes of what it does not leave out are
         dropped.
         """
@@ -215,7 +231,7 @@ class Measures:
             if omission.lasts
         }
 
-    def neglected_sizes(self, medium, dt):
+    def neglected_sizes(self, medium: AnyMedium, dt: float) -> dict[str, float]:
         """Return name -> size of every neglected term in the trial step of a medium
         (collective).
         """
@@ -235,7 +251,7 @@ class Measures:
         }
         return {omission.name: sizes[omission.name]() for omission in self.omissions}
 
-    def watch_neglected(self, sizes, dt, clock):
+    def watch_neglected(self, sizes: dict[str, float], dt: float, clock: Clock) -> None:
         """Record the sizes of an accepted step of size dt that ends at the present time of the
         `Clock`.
         """
@@ -243,7 +259,7 @@ class Measures:
             found = self._lasting[name].add(size, dt, clock) if name in self._lasting else size
             self.sizes[name] = max(self.sizes[name], found)
 
-    def require_limits(self, t):
+    def require_limits(self, t: float) -> None:
         """Raise LimitError when a neglected term has passed its bound."""
         for omission in self.omissions:
             size = self.sizes[omission.name]
@@ -258,14 +274,14 @@ class Measures:
                 )
                 raise LimitError(f"[limits] {omission.limit}: {found}; {advice}")
 
-    def neglected(self):
+    def neglected(self) -> dict[str, dict[str, Any]]:
         """Return name -> value, bound, meaning for the summary."""
         return {
             o.name: {"value": self.sizes[o.name], "bound": o.bound, "meaning": o.meaning}
             for o in self.omissions
         }
 
-    def state(self):
+    def state(self) -> dict[str, Any]:
         """Return the numbers a restart needs."""
         errors = self.comparison.records if self.comparison else []
         return {
@@ -276,7 +292,7 @@ class Measures:
             "errors": errors,
         }
 
-    def load(self, state, t):
+    def load(self, state: dict[str, Any], t: float) -> None:
         """Continue from `state` at the time t [s]; sizes of terms that are modelled now are
         dropped.
         """

@@ -8,9 +8,11 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from ..config import Scene
 from ..errors import InputError
-from .auto import at_start, auto_terms
+from .auto import AnyMedium, at_start, auto_terms
 from .loop import Clock
+from .measures import Measures
 from .report import modelled, unknowns
 from .setups import components, entries, materials_of, nodes_of
 
@@ -29,7 +31,7 @@ BYTES_PER_UNKNOWN = {2: 4e3, 3: 6e3}
 BYTES_PER_RANK = 0.25e9
 
 
-def preview(scene, coupling, measures):
+def preview(scene: Scene, coupling: AnyMedium, measures: Measures) -> str:
     """Return the text; `measures` of the scene know what it leaves out."""
     mesh = coupling.solid.mesh
     lines = [

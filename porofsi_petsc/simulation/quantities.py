@@ -1,7 +1,8 @@
 """What the history records: fields at probes and forces on surfaces."""
 
 from ..config import Scene
-from ..coupling.medium import Medium
+from ..coupling.interface import InterfaceMedium
+from .auto import AnyMedium
 from .forces import Forces
 from .measures import Measures
 from .sides import check_probes, probes_in
@@ -12,7 +13,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 class Quantities:
     """The values of `Scene.columns` in the accepted state."""
 
-    def __init__(self, scene: Scene, coupling: Medium, measures: Measures):
+    def __init__(self, scene: Scene, coupling: AnyMedium, measures: Measures) -> None:
         """Find the probes and the surfaces; raises InputError where a probe is outside of what it
         measures (collective).
         """
@@ -24,7 +25,10 @@ class Quantities:
             probes_in(scene, phase.domain) for phase in (coupling.solid, coupling.fluid)
         )
         check_probes(scene, self._in_fluid, coupling.fluid.domain)
-        self._forces = Forces(scene, coupling) if scene.force else None
+        self._forces = None
+        if scene.force:
+            assert isinstance(coupling, InterfaceMedium)  # porous media have no [[force]]
+            self._forces = Forces(scene, coupling)
 
     def values(self, t: float) -> list[float]:
         """Return the values at the present time t [s], one for each column (collective)."""

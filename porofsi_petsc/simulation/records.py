@@ -18,14 +18,15 @@ if TYPE_CHECKING:
 class Records:
     """The files of a run; every method is collective."""
 
-    def __init__(self, simulation: Simulation, directory: Path):
+    def __init__(self, simulation: Simulation, directory: Path) -> None:
         """Take the simulation; `open` starts the files."""
         self._simulation = simulation
         self._directory = directory
         self._output = simulation.scene.output
         self._mesh = simulation.coupling.solid.mesh
-        self.progress: Progress | None = None
-        self._history = self._fields = None
+        self.progress: Progress  # of who runs
+        self._history: History  # by `open`
+        self._fields: FieldWriter | None = None
         self._last_checkpoint = time.monotonic()
 
     @property
@@ -73,7 +74,8 @@ class Records:
         with simulation.stopwatch.measure("output"):
             if step % output.history_every == 0 or simulation.finished:
                 self._write_row()
-            if self._fields and (step % output.fields_every == 0 or simulation.finished):
+            every = output.fields_every
+            if self._fields and every and (step % every == 0 or simulation.finished):
                 self._write_fields()
             self.progress.update(step, simulation.time, simulation.loop.iterations[-1])
         if self._checkpoint_due():
@@ -87,7 +89,7 @@ class Records:
         output = self._output
         simulation = self._simulation
         every = output.checkpoint_every
-        due = bool(every) and (simulation.steps % every == 0 or simulation.finished)
+        due = every is not None and (simulation.steps % every == 0 or simulation.finished)
         if output.checkpoint_minutes:
             late = time.monotonic() - self._last_checkpoint > 60 * output.checkpoint_minutes
             due = self._mesh.comm.bcast(late) or due
@@ -100,7 +102,7 @@ class Records:
 
     def _write_row(self) -> None:
         t, *values, iterations = self._simulation.last_row
-        self._history.append(t, values, iterations)
+        self._history.append(t, values, int(iterations))
 
     def _write_fields(self) -> None:
         simulation = self._simulation

@@ -1,10 +1,14 @@
 """The exact solution of a scene and the distance of the computed fields from it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..config import Scene
 from ..errors import InputError
 from ..exact import (
     Cryer,
@@ -19,10 +23,14 @@ from ..exact import (
     XieLeo,
     confined_ratio,
 )
+from ..fem.domain import Domain
 from ..fem.geometry import Rule, geometry
 from ..materials import ElasticLaw
 from ..output.probes import Probes
 from .setups import elastic_law
+
+if TYPE_CHECKING:
+    from .loop import Clock
 
 PROFILE_POINTS = 41
 STRIP_DEPTH = 4.0  # half widths of a strip load that its profile reaches down
@@ -58,48 +66,47 @@ class _Soil:
     law: str
 
     @classmethod
-    def of(cls, scene):
+    def of(cls, scene: Scene) -> _Soil:
         entry = scene.material[0]
-        return cls(
-            elastic_law(entry),
-            entry.solid.density,
-            entry.fluid.density,
-            entry.mobility,
-            entry.solid.law,
-        )
+        solid = entry.solid
+        fluid = entry.fluid
+        assert solid and fluid  # `Scene` refuses these solutions without a porous material
+        return cls(elastic_law(entry), solid.density, fluid.density, entry.mobility, solid.law)
 
     @property
-    def lam(self):
+    def lam(self) -> float:
         """Return λ [Pa]."""
         return self.elastic.lam
 
     @property
-    def mu(self):
+    def mu(self) -> float:
         """Return μ [Pa]."""
         return self.elastic.mu
 
     @property
-    def n_s(self):
+    def n_s(self) -> float:
         """Return the initial solid fraction [-]."""
         return self.elastic.n_s0
 
     @property
-    def modulus(self):
+    def modulus(self) -> float:
         """Return E_c = λ + 2μ [Pa]."""
         return self.elastic.oedometer_modulus
 
     @property
-    def diffusivity(self):
+    def diffusivity(self) -> float:
         """Return c_v = k_f E_c/γ_fR [m²/s]."""
         return self.mobility * self.modulus
 
 
-def exact_fields(scene):
+def exact_fields(scene: Scene) -> ExactFields:
     """Return the `ExactFields` of the scene's [reference]; raise InputError where its parameters
     have no such solution.
     """
+    section = scene.reference
+    assert section is not None  # nobody asks for those of a scene without
     try:
-        exact = SOLUTIONS[scene.reference.solution](scene, _Soil.of(scene))
+        exact = SOLUTIONS[section.solution](scene, _Soil.of(scene))
         _require_load(scene, exact)
     except (ArithmeticError, ValueError) as error:
         raise InputError(_refused(scene, error)) from error
@@ -328,13 +335,13 @@ class Comparison:
     taken over the exact u, that of p over its scale and √volume, because p fades.
     """
 
-    def __init__(self, scene, domain):
+    def __init__(self, scene: Scene, domain: Domain) -> None:
         """Prepare the quadrature over the owned elements and the points of the profile
         (collective).
 
         Raises InputError where the scene has no such solution or where its profile leaves the mesh.
         """
-        self._exact = exact_fields(scene)
+        self._exact: Any = exact_fields(scene)
         self._prepare(scene, domain)
         share = np.linspace(0, 1, PROFILE_POINTS)[:, None]
         self._line = (1 - share) * self._exact.line[0] + share * self._exact.line[1]
@@ -367,7 +374,7 @@ class Comparison:
             text = f"{found}, expected length and surface inside it"
             raise InputError(f"{scene.source_path or 'scene'} [reference]: {text}") from outside
 
-    def after_step(self, clock, u, p):
+    def after_step(self, clock: Clock, u: np.ndarray, p: np.ndarray) -> None:
         """Record what is due at the accepted u (n_local, d) and p (n_local,) (collective)."""
         before = self._reached
         self._reached = clock.t * ROUNDING
@@ -381,14 +388,14 @@ class Comparison:
                 | {"profile": self._profile(clock.t, u, p)}
             )
 
-    def resume(self, records, t):
+    def resume(self, records: list[dict[str, Any]], t: float) -> None:
         """Go on at the time t [s] with the records of a checkpoint; what was not asked for then
         stays out.
         """
         self.records = records
         self._reached = t * ROUNDING
 
-    def table(self):
+    def table(self) -> dict[str, np.ndarray]:
         """Return the errors as a history: t and error.u, error.p, each (records,)."""
         return self._columns({"t": "at", "error.u": "u", "error.p": "p"})
 
@@ -398,7 +405,7 @@ class Comparison:
             for name, key in columns.items()
         }
 
-    def errors(self):
+    def errors(self) -> list[dict[str, float | None]]:
         """Return at, t, u, v, p of every record for the summary."""
         return [
             {key: record.get(key) for key in ("at", "t", "u", "v", "p")} for record in self.records

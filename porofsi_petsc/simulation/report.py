@@ -1,17 +1,28 @@
 """The summary of a run."""
 
+from __future__ import annotations
+
 import platform
 import resource
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from .. import __version__
+from ..config import Scene
+from ..config.sections import Model
+from ..coupling.protocols import Fluid, Solid
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
 
 BLOCKS = ("fluid", "solid", "mesh", "mixture")
 
 
-def summarize(simulation, judgement, files, exit_code):
+def summarize(
+    simulation: Simulation, judgement: dict[str, Any], files: list[str], exit_code: int
+) -> dict[str, Any]:
     """Return the content of summary.json (keys: `output.summary.SUMMARY_KEYS`); collective.
 
     judgement : dict with period and expectations, what the files of the run say of its result
@@ -62,7 +73,7 @@ def summarize(simulation, judgement, files, exit_code):
     }
 
 
-def unknowns(solid, fluid):
+def unknowns(solid: Solid, fluid: Fluid) -> dict[str, int]:
     """Return field -> number of unknowns."""
     d = fluid.mesh.dim
     n = fluid.domain.n_nodes
@@ -119,7 +130,7 @@ def _peak_memory(comm):
     return {"max": max(everyone), "sum": sum(everyone)}
 
 
-def modelled(scene, model):
+def modelled(scene: Scene, model: Model) -> list[str]:
     """Return the names of the terms that a [model] solves, the laws and the stabilization."""
     terms = [
         name

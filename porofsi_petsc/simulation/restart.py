@@ -3,13 +3,19 @@ not.
 """
 
 import re
+from pathlib import Path
+from typing import Any
 
-from ..config import comparable, table_contents
+from ..config import Scene, comparable, table_contents
 from ..errors import InputError, shown
 from ..log import logger
 from ..output.checkpoint import damaged, read_arrays
 from ..output.files import parse_toml
+from .auto import AnyMedium
+from .energy import Energy
 from .header import mistake
+from .loop import TimeLoop
+from .measures import Measures
 
 # Sections that decide the state itself; time, output, solver and coupling settings may change.
 FIXED = ("model", "material", "boundary", "body_force", "stabilization", "interface")
@@ -21,7 +27,16 @@ LIKE = re.compile(
 )  # names of arrays that hold a field
 
 
-def resume(path, header, scene, text, loop, coupling, energy, measures):
+def resume(
+    path: Path,
+    header: dict[str, Any],
+    scene: Scene,
+    text: str,
+    loop: TimeLoop,
+    coupling: AnyMedium,
+    energy: Energy,
+    measures: Measures,
+) -> None:
     """Load every part of a run from a checkpoint; text is the present scene as TOML (collective).
 
     header : of `open_checkpoint`. Raises InputError when the file belongs to another mesh or scene,

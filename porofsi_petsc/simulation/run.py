@@ -2,11 +2,13 @@
 
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
 from ..compiled import compilation_notice
-from ..config import scene_to_toml
+from ..config import Scene, scene_to_toml
 from ..errors import ExpectationError, Stopped
 from ..linalg.agreement import Agreement
 from ..linalg.stopwatch import Stopwatch
@@ -32,7 +34,14 @@ from .simulation import Simulation
 FIGURE_ELEMENTS = 2_000_000
 
 
-def run(scene, directory, restart=None, force=False, quiet=False, max_time=None):
+def run(
+    scene: Scene,
+    directory: Path,
+    restart: Path | None = None,
+    force: bool = False,
+    quiet: bool = False,
+    max_time: float | None = None,
+) -> dict[str, Any]:
     """Solve a scene and return its summary (the content of summary.json); PETSc has been started
     (collective).
 
@@ -315,7 +324,7 @@ class _Run:
             )
 
 
-def check(scene):
+def check(scene: Scene) -> str:
     """Return a description of what a scene would solve; raises InputError as a run would
     (collective).
     """

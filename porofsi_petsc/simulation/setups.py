@@ -2,9 +2,16 @@
 mesh.
 """
 
+from ..config import Scene
+from ..config.expressions import Expression
+from ..config.material import Material
 from ..errors import InputError
 from ..fem.boundary import SurfaceLoad, weak_zero_on
+from ..fem.distribute import LocalMesh
+from ..fem.domain import Domain
+from ..linalg.stopwatch import Stopwatch
 from ..materials import ELASTIC, PERMEABILITY
+from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
 from ..phases.setup import FluidSetup, SolidSetup
 from .conditions import components, dirichlet, essentials, no_slip_nodes, nodes_of
@@ -18,7 +25,7 @@ DIRECT_NODES_2D = 100_000
 MONOLITHIC = ("quasi_direct", "direct")
 
 
-def materials_of(scene, mesh):
+def materials_of(scene: Scene, mesh: LocalMesh) -> dict[str, PorousMaterial]:
     """Return dict region -> PorousMaterial, without the "auto" terms of the model."""
     return {
         region: _material(entry, scene.model)
@@ -27,9 +34,10 @@ def materials_of(scene, mesh):
     }
 
 
-def elastic_law(entry):
+def elastic_law(entry: Material) -> ElasticLaw:
     """Return the law of a [[material]] with a solid."""
     solid = entry.solid
+    assert solid is not None  # nobody asks a fluid
     return ELASTIC[solid.law](
         solid.lambda_, solid.mu, 1 - (entry.porosity or 0.0), **solid.of_law()
     )
@@ -55,7 +63,7 @@ def _material(entry, model):
     )
 
 
-def entries(scene, quantity):
+def entries(scene: Scene, quantity: str) -> list[tuple[str, int, Expression]]:
     """Return (tag, component, expression) for every prescribed component of a vector quantity."""
     return [
         (tag, i, e)
@@ -65,7 +73,9 @@ def entries(scene, quantity):
     ]
 
 
-def solid_setup(scene, domain, materials, stopwatch):
+def solid_setup(
+    scene: Scene, domain: Domain, materials: dict[str, PorousMaterial], stopwatch: Stopwatch
+) -> SolidSetup:
     """Return the `SolidSetup` of a scene."""
     mesh = domain.mesh
     model = scene.model
@@ -86,7 +96,9 @@ def solid_setup(scene, domain, materials, stopwatch):
     )
 
 
-def fluid_setup(scene, domain, materials, stopwatch):
+def fluid_setup(
+    scene: Scene, domain: Domain, materials: dict[str, PorousMaterial], stopwatch: Stopwatch
+) -> FluidSetup:
     """Return the `FluidSetup` of a scene."""
     mesh = domain.mesh
     model = scene.model
@@ -164,6 +176,6 @@ def _split(scene):
     return "scaled" if choice.mass_scaling is not None else choice.split
 
 
-def is_direct(mesh):
+def is_direct(mesh: LocalMesh) -> bool:
     """Return whether the default solvers are factorizations."""
     return mesh.dim == 2 and mesh.n_global <= DIRECT_NODES_2D

@@ -2,11 +2,16 @@
 on both or between.
 """
 
+from pathlib import Path
+
 import numpy as np
 
+from ..config import Scene
 from ..errors import InputError, digits
+from ..fem.domain import Domain
 from ..mesh.check import require_tags
 from ..mesh.interface import INTERFACE
+from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_multiplicity, locate_facets
 from ..output.probes import Probes
 
@@ -15,7 +20,7 @@ from ..output.probes import Probes
 WET = 1e-6
 
 
-def check_sides(scene, mesh, kinds, where):
+def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Path) -> None:
     """Raise InputError where a boundary or a force asks for what its surface has not.
 
     kinds : region -> "solid", "fluid" or "porous", a solid that a free fluid flows through
@@ -32,7 +37,7 @@ def check_sides(scene, mesh, kinds, where):
             " there, or an [[interface]]"
         )
         raise InputError(f"{where} [[material]]: {text}")
-    taken = {}
+    taken: dict[tuple[str, str], int] = {}
     between = _sides_of_interfaces(scene)
     for i, boundary in enumerate(scene.boundary):
         for tag in boundary.on:
@@ -159,7 +164,7 @@ def _check_forces(scene, mesh, sides, where):
             )
 
 
-def probes_in(scene, domain):
+def probes_in(scene: Scene, domain: Domain) -> Probes:
     """Return the `output.probes.Probes` of a scene, on an interface those of the side of a
     `fem.Domain` (collective).
     """
@@ -167,7 +172,7 @@ def probes_in(scene, domain):
     return Probes(domain.mesh, points, preferred=domain.row_of_cell >= 0)
 
 
-def check_probes(scene, probes, fluid):
+def check_probes(scene: Scene, probes: Probes, fluid: Domain) -> None:
     """Raise InputError where a probe of the flow is not in the fluid; fluid : the fluid's
     `fem.Domain` (collective).
     """

@@ -55,7 +55,7 @@ class Simulation:
         comm: MPI.Comm = MPI.COMM_WORLD,
         stopwatch: Stopwatch | None = None,
         mesh: LocalMesh | None = None,
-    ):
+    ) -> None:
         """Build a scene at t = 0; PETSc has been started with its options (`linalg.options.start`).
 
         mesh : of the scene, where it has been made already, with its communicator.
@@ -103,9 +103,9 @@ class Simulation:
         """
         scene = source if isinstance(source, Scene) else load_scene(source, overrides)
         start(scene.petsc.options, list(petsc_options))
-        header = open_checkpoint(restart, comm) if restart is not None else None
+        header = None if restart is None else open_checkpoint(restart, comm)
         simulation = cls(scene, comm)
-        if header is not None:
+        if restart is not None and header is not None:
             simulation.resume(Path(restart), header)
         return simulation
 

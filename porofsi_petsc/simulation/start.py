@@ -10,9 +10,14 @@ import itertools
 
 import numpy as np
 
+from ..config import Scene
 from ..errors import InputError
 from ..fem.boundary import facet_normals, interface_facets
 from ..fem.essential import first_node
+from ..fem.transfer import InterfaceTransfer
+from ..phases.fluid import FluidPhase
+from ..phases.mesh_motion import MeshMotion
+from ..phases.solid import SolidPhase
 from .conditions import AXES, at_once, components, nodal_field, rate_after, sample_times
 
 # of the largest value: below errors of discretization, above the digits of numbers that were
@@ -23,7 +28,13 @@ AGREE = 1e-3
 THROUGH = 0.1
 
 
-def put_at_start(scene, solid, fluid, motion=None, transfer=None):
+def put_at_start(
+    scene: Scene,
+    solid: SolidPhase,
+    fluid: FluidPhase,
+    motion: MeshMotion | None = None,
+    transfer: InterfaceTransfer | None = None,
+) -> None:
     """Give the phases the state at t = 0; raise InputError where it contradicts what is prescribed
     at 0+ (collective).
 

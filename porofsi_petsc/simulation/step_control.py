@@ -2,7 +2,13 @@
 (`time.error_tolerance`).
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
+from mpi4py import MPI
+
+from ..config.sections import Time
 
 GROW, SHRINK, SAFETY = 2.0, 0.2, 0.8  # of one step to the next
 # A new size costs new tangents and factors: what would gain less than this keeps the old one.
@@ -13,7 +19,7 @@ SMALLEST = 1e-4  # default of min_step, in first steps
 class StepTooLarge(Exception):
     """The local error of a step is above the tolerance; `size` is what to try next [s]."""
 
-    def __init__(self, size):
+    def __init__(self, size: float) -> None:
         super().__init__(f"try {size:g} s")
         self.size = size
 
@@ -28,18 +34,20 @@ class StepControl:
     nodal values over the largest norm in the run.  The first k + 1 steps are taken as they are.
     """
 
-    def __init__(self, section, comm):
+    def __init__(self, section: Time, comm: MPI.Comm) -> None:
         """Take the [time] section of a scene."""
         self._comm = comm
         self._tolerance = section.error_tolerance
         self._largest_step = section.max_step or np.inf
         self._smallest_step = section.min_step or SMALLEST * section.step
         self._order, self._constant = (1, 1.0) if section.scheme == "backward_euler" else (2, 0.5)
-        self._values = {"u": [], "p": []}
+        self._values: dict[str, list[tuple[float, np.ndarray]]] = {"u": [], "p": []}
         self._largest = {"u": 0.0, "p": 0.0}
         self.rejections = 0
 
-    def next_size(self, dt, trial, resolution=0.0):
+    def next_size(
+        self, dt: float, trial: Mapping[str, tuple[float, np.ndarray]], resolution: float = 0.0
+    ) -> float:
         """Return the size of the next step after a trial step of size dt (collective); raise
         StepTooLarge to repeat it.
 
@@ -81,7 +89,7 @@ class StepControl:
     def _norm(self, value):
         return float(np.sqrt(self._comm.allreduce(np.vdot(value, value))))
 
-    def state(self):
+    def state(self) -> dict[str, np.ndarray]:
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
         return {
             f"step_control.{name}.{i}": v
@@ -89,12 +97,12 @@ class StepControl:
             for i, (_, v) in enumerate(kept)
         }
 
-    def memory(self):
+    def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs beside the arrays."""
         times = {name: [time for time, _ in kept] for name, kept in self._values.items()}
         return {"times": times, "largest": self._largest, "rejections": self.rejections}
 
-    def load(self, arrays, memory):
+    def load(self, arrays: dict[str, np.ndarray], memory: dict[str, Any]) -> None:
         """Continue from `state` and `memory`."""
         self._largest = memory["largest"]
         self.rejections = memory["rejections"]

@@ -6,13 +6,17 @@ is one equation for t and ω; bodies with a common node, a hinge, move alike the
 equations leave free a static balance does not determine.
 """
 
+from pathlib import Path
+
 import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ..config import Scene
 from ..errors import InputError
 from ..mesh.check import place
+from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_groups, locate_facets
 
 AXES = "xyz"
@@ -25,7 +29,7 @@ PLANES = {
 DEPENDENT = 1e-6
 
 
-def require_supports(scene, mesh, kinds, where):
+def require_supports(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Path) -> None:
     """Raise InputError where a part of the solid can move as a rigid body at no cost.
 
     kinds : region -> "solid", "fluid" or "porous"

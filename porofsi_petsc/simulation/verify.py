@@ -4,7 +4,9 @@ which their errors fall.
 
 import json
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -215,7 +217,7 @@ CASES = {
 }
 
 
-def verify(names, directory, quick=False):
+def verify(names: Sequence[str], directory: Path, quick: bool = False) -> list[Check]:
     """Run the named cases (all without a name, the short ones when quick) and return their checks
     (collective).
 
@@ -231,7 +233,7 @@ def verify(names, directory, quick=False):
     return [check for name in chosen for check in run_case(name, directory / name)]
 
 
-def run_case(name, directory):
+def run_case(name: str, directory: Path) -> list[Check]:
     """Run one case and return its checks (collective)."""
     case = CASES[name]
     try:
@@ -294,6 +296,6 @@ def _order_checks(name, case, directory):
     return checks
 
 
-def as_json(checks):
+def as_json(checks: Iterable[Check]) -> str:
     """Return the checks as JSON text, one object each."""
     return json.dumps([asdict(check) for check in checks], indent=2)
