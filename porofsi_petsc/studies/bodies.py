@@ -3,10 +3,12 @@ loaded by a formula of t [Pa].
 """
 
 import atexit
+from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise, permutations, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -15,20 +17,25 @@ from ..mesh.mesh import Mesh
 from ..mesh.topology import add_midside_nodes, boundary_facets, cell_facets
 from ..mesh.write import write_mesh
 from . import soil
+from .soil import Tables
 
 AXES = "xyz"
 RADIUS = 5.0  # of the round body [m]
 STRIP, WIDTH = 2.5, 20.0  # half width of the strip load, width of the block beside it [m]
 
 
-def confined(cells, order, dim, load, regions=()):
+def confined(
+    cells: int, order: int, dim: int, load: str, regions: Sequence[dict[str, Any]] = ()
+) -> tuple[Tables, list[Tables]]:
     """Return the mesh and the boundaries of a block between rollers, one half of its drained top
     loaded.
     """
     return soil.mesh(cells, order, dim, regions), soil.boundary(load, dim)
 
 
-def free_sides(cells, order, dim, load, regions=()):
+def free_sides(
+    cells: int, order: int, dim: int, load: str, regions: Sequence[dict[str, Any]] = ()
+) -> tuple[Tables, list[Tables]]:
     """Return those of a part of a block between planes of symmetry whose other sides are free and
     impermeable.
     """
@@ -44,7 +51,9 @@ def free_sides(cells, order, dim, load, regions=()):
     ]
 
 
-def strip(cells, order, dim, load, regions=()):
+def strip(
+    cells: int, order: int, dim: int, load: str, regions: Sequence[dict[str, Any]] = ()
+) -> tuple[Tables, list[Tables]]:
     """Return those of a wide block under an impermeable strip load."""
     mesh = soil.mesh(cells, order, dim, regions)
     under = max(cells // 4, 1)
@@ -58,7 +67,9 @@ def strip(cells, order, dim, load, regions=()):
     return mesh, [*soil.walls(dim), {"on": "top", "pressure": 0.0}, footing]
 
 
-def sphere(cells, order, dim, load, regions=()):
+def sphere(
+    cells: int, order: int, dim: int, load: str, regions: Sequence[dict[str, Any]] = ()
+) -> tuple[Tables, list[Tables]]:
     """Return those of Cryer's sphere (in 2-D a cylinder): a part between planes of symmetry, its
     drained surface pressed.
     """
@@ -89,7 +100,7 @@ def _sector_file(cells, order, dim):
     return path
 
 
-def sector(cells, order, dim, radius=RADIUS):
+def sector(cells: int, order: int, dim: int, radius: float = RADIUS) -> Mesh:
     """Return the mesh of the quarter of a disc or the eighth of a ball around the origin, of as
     many layers of elements.
 

@@ -2,17 +2,21 @@
 strain and accelerator.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..config import Scene
 from ..output.figures import save_figure
 from ..output.files import write_text
 from ..output.study_plots import draw_heat_maps
 from . import soil
 from .bodies import BODIES
-from .table import Table, markdown, sweep
+from .table import Row, Table, markdown, sweep
 from .trial import attempt
 
 PERMEABILITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-9, 1e-12)  # k_f [m/s]
@@ -61,12 +65,12 @@ class Case:
     dt: float | str
 
     @property
-    def keys(self):
+    def keys(self) -> dict[str, Any]:
         """Return what names the case in a table."""
         return {key: getattr(self, key) for key in KEYS}
 
     @property
-    def label(self):
+    def label(self) -> str:
         """Return a few words for the progress."""
         where = (
             f"{self.medium} {self.body} {self.dim}-D, {self.cells} cells P{self.order}, nu ="
@@ -76,7 +80,7 @@ class Case:
         return f"{where}, {self.strain} strain, {self.accelerator}, k = {k}, dt = {self.dt}"
 
     @property
-    def load(self):
+    def load(self) -> float:
         """Return the pressure at the end [Pa]; large strain is 20 % of drained compression where
         the sides are held.
         """
@@ -89,7 +93,7 @@ class Case:
             else CRUSHED * soil.YOUNG
         )
 
-    def scene(self):
+    def scene(self) -> Scene:
         """Return the scene: the load grows linearly over the steps; a step that fails is not
         helped.
         """
@@ -127,7 +131,7 @@ class Case:
         )
 
 
-def run_case(case):
+def run_case(case: Case) -> dict[str, Any]:
     """Return the columns of a case."""
     outcome = attempt(case.scene())
     return {
@@ -138,7 +142,7 @@ def run_case(case):
     }
 
 
-def all_cases():
+def all_cases() -> list[Case]:
     """Return the whole study: slices through the product of all parameters, each of which is varied
     from end to end.
     """
@@ -207,7 +211,7 @@ def _layers():
     return _with_all(((medium, body, 2, 8, 1, nu, "small"), pairs) for medium, body, nu in shapes)
 
 
-def quick_cases():
+def quick_cases() -> list[Case]:
     """Return a sample of seconds: the block, P1, small strain, Aitken, four pairs of k_f and
     step.
     """
@@ -215,7 +219,9 @@ def quick_cases():
     return [Case(*block, k, dt) for k, dt in product(PERMEABILITIES[::3], STEPS[::3])]
 
 
-def study(directory, quick=False, anew=False, say=print):
+def study(
+    directory: Path, quick: bool = False, anew: bool = False, say: Callable[[str], object] = print
+) -> list[Row]:
     """Run the cases and write coupling.csv, coupling.md and coupling.png into the directory; return
     the rows.
     """
@@ -231,7 +237,7 @@ def study(directory, quick=False, anew=False, say=print):
 # -- the summary -----------------------------------------------------------------------------------
 
 
-def report(rows):
+def report(rows: Sequence[Row]) -> str:
     """Return the markdown summary."""
     header = ["cases", "failed", "mean", "largest", "bar: mean, largest", "kept"]
     by_body = _table(rows, ("medium", "body", "dim", "strain"), header)
@@ -300,13 +306,13 @@ def _place(row):
     return ", ".join(f"{key} {row[key]}" for key in KEYS if row[key])
 
 
-def heat_maps(rows):
+def heat_maps(rows: Sequence[Row]) -> dict[str, np.ndarray]:
     """Return accelerator -> largest iterations, (steps, permeabilities), of the uniform block in
     2-D at small strain.
 
     NaN where nothing was run, infinite where a case failed.
     """
-    panels = {}
+    panels: dict[str, np.ndarray] = {}
     for row in rows:
         if not _on_grid(row):
             continue

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..mesh.mesh import Mesh
+
 HALVINGS = 12  # of the way of a node
 SEED = 5
 
 
-def angles(points, cells):
+def angles(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Return the angles of triangles [degrees], (E, 3); 0 where a triangle is turned over."""
     corners = points[cells]
     ahead = np.roll(corners, -1, axis=1) - corners
@@ -19,7 +21,7 @@ def angles(points, cells):
     return np.maximum(np.degrees(np.arctan2(cross, (ahead * behind).sum(axis=-1))), 0.0)
 
 
-def distort(mesh, smallest):
+def distort(mesh: Mesh, smallest: float) -> Mesh:
     """Return the mesh of T3 with every interior node moved, in a fixed random direction, as far as
     the angles allow [degrees].
     """

@@ -5,14 +5,21 @@ wanted of each.
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..config import load_scene
+from ..config import Scene, load_scene
 from ..mesh.write import write_mesh
+from ..simulation.auto import AnyMedium
 from ..simulation.build import serial_mesh
+from ..simulation.energy import Energy
+from ..simulation.loop import Clock
 from . import soil
 from .distortion import distort
+from .soil import Tables
+from .trial import Watch
 
 CELLS, STEP, STEPS, K = 16, 1e-3, 50, 1e-2  # of a block, [s], number of steps, k_f [m/s]
 LIMIT_K = 1e-5  # [m/s], permeability of the cases about the smallest step
@@ -22,6 +29,8 @@ OWN = {"accelerator": "aitken", "on_failure": "stop"}  # [coupling]: nothing hel
 # of energy and displacement: the tolerance 1e-6 of a step, 1000 times over 20 000 steps
 GROWTH_BOUND = 1e-3
 DRIFT_BOUND = 1e-3
+
+Maker = Callable[[Path], Scene]  # of a scene, whose files go into a folder
 
 
 @dataclass(frozen=True)
@@ -34,17 +43,17 @@ class HardCase:
 
     group: str
     name: str
-    scene: Callable
+    scene: Maker
     wanted: str = "finished"
     watch: Callable | None = None
 
     @property
-    def keys(self):
+    def keys(self) -> dict[str, str]:
         """Return what names the case in a table."""
         return {"group": self.group, "case": self.name}
 
     @property
-    def label(self):
+    def label(self) -> str:
         """Return a few words for the progress."""
         return f"{self.group}: {self.name}"
 
@@ -54,24 +63,24 @@ class Endurance:
     its second one.
     """
 
-    def begin(self, coupling):
+    def begin(self, coupling: AnyMedium) -> Watch:
         """Return the function that looks at a step."""
-        self._energy = []
-        self._u = []
+        self._energy: list[float] = []
+        self._u: list[float] = []
         return self._look
 
-    def _look(self, clock, coupling, energy):
+    def _look(self, clock: Clock, coupling: AnyMedium, energy: Energy) -> None:
         self._energy.append(energy.kinetic + energy.elastic)
         self._u.append(float(coupling.solid.u[: coupling.solid.mesh.n_owned, -1].mean()))
 
     @property
-    def growth(self):
+    def growth(self) -> float:
         """Return the largest energy of the last quarter over that of the second, minus 1."""
         second, last = self._quarters(self._energy)
         return float(last.max() / second.max() - 1)
 
     @property
-    def drift(self):
+    def drift(self) -> float:
         """Return the change of the mean vertical displacement over its largest magnitude.
 
         Hann's window makes the mean in time blind to vibrations, whose periods do not fill a
@@ -84,34 +93,34 @@ class Endurance:
         return float(abs(last - second) / np.abs(self._u).max())
 
     @staticmethod
-    def _quarters(values):
+    def _quarters(values: list[float]) -> tuple[np.ndarray, np.ndarray]:
         quarters = np.array_split(np.array(values), 4)
         return quarters[1], quarters[3]
 
     @property
-    def fine(self):
+    def fine(self) -> bool:
         """Return whether nothing grew and nothing drifted."""
         return self.growth < GROWTH_BOUND and self.drift < DRIFT_BOUND
 
     @property
-    def note(self):
+    def note(self) -> str:
         """Return both as text."""
         return f"energy {self.growth:+.1e}, drift {self.drift:.1e}"
 
 
 def block(
     *,
-    k=K,
-    dt=STEP,
-    steps=STEPS,
-    load=None,
-    dynamic=True,
-    finite=False,
-    materials=None,
-    mesh=None,
-    boundary=None,
-    **more,
-):
+    k: float = K,
+    dt: float = STEP,
+    steps: int = STEPS,
+    load: str | None = None,
+    dynamic: bool = True,
+    finite: bool = False,
+    materials: list[Tables] | None = None,
+    mesh: Tables | None = None,
+    boundary: Callable[[str], list[Tables]] | None = None,
+    **more: Any,
+) -> Maker:
     """Return the function that makes the scene of a block under a load on half of its top.
 
     The load is sudden at small strain; at finite strain it grows linearly to 20 % drained confined
@@ -130,20 +139,20 @@ def block(
     )
     materials = materials or [soil.material(k, law)]
     mesh = mesh or soil.mesh(CELLS)
-    boundary = (boundary or soil.boundary)(load)
+    conditions = (boundary or soil.boundary)(load)
     more["coupling"] = OWN | more.get("coupling", {})
     return lambda folder: soil.scene(
-        "hard case", mesh, soil.model(dynamic, finite), time, materials, boundary, **more
+        "hard case", mesh, soil.model(dynamic, finite), time, materials, conditions, **more
     )
 
 
-def compressed(law, load, n_s0, **more):
+def compressed(law: str, load: float, n_s0: float, **more: Any) -> Maker:
     """Return the maker of a column that is slowly compressed by a pressure [Pa] on its drained top,
     which rises for 20 s.
     """
     materials = [soil.material(K, law, porosity=1 - n_s0)]
     ramp = f"{load!r}*minimum(t/20, 1)"
-    common = {
+    common: dict[str, Any] = {
         "dt": 1.0,
         "steps": 40,
         "dynamic": False,
@@ -154,7 +163,7 @@ def compressed(law, load, n_s0, **more):
     return block(load=ramp, materials=materials, **common, **more)
 
 
-def distorted(**more):
+def distorted(**more: Any) -> Maker:
     """Return the maker of a block on a mesh file with angles of 5 degrees."""
 
     def make(folder):
@@ -165,14 +174,14 @@ def distorted(**more):
     return make
 
 
-def stretched(**more):
+def stretched(**more: Any) -> Maker:
     """Return the maker of a block with cells of aspect 100 at its drained top."""
     height = {"points": [0.0, soil.SIZE], "cells": [40], "ratios": [0.0145]}
     mesh = soil.mesh(4) | {"y": height}
     return block(mesh=mesh, **more)
 
 
-def layered(*permeabilities, **more):
+def layered(*permeabilities: float, **more: Any) -> Maker:
     """Return the maker of a block of layers, their permeabilities from below."""
     regions = soil.layers(len(permeabilities))
     materials = [
@@ -182,7 +191,7 @@ def layered(*permeabilities, **more):
     return block(mesh=soil.mesh(CELLS, regions=regions), materials=materials, **more)
 
 
-def limit_step(cells=CELLS):
+def limit_step(cells: int = CELLS) -> float:
     """Return h²/(4 c_v) [s], under which a drained boundary oscillates on equal order without
     stabilization (θ = 1).
     """
@@ -190,7 +199,7 @@ def limit_step(cells=CELLS):
     return (soil.SIZE / cells) ** 2 / (4 * diffusivity)
 
 
-def footing(load):
+def footing(load: str) -> list[Tables]:
     """Return an impermeable footing on half of the top, the other half drained."""
     return [
         *soil.walls(),
@@ -199,7 +208,7 @@ def footing(load):
     ]
 
 
-def free_sides(load):
+def free_sides(load: str) -> list[Tables]:
     """Return free impermeable sides, a fixed impermeable base, and a drained top that is loaded on
     one half.
     """
@@ -207,13 +216,13 @@ def free_sides(load):
     return [base, {"on": ["left", "right"]}, *soil.boundary(load)[-2:]]
 
 
-def nearly_incompressible(nu=0.4999):
+def nearly_incompressible(nu: float = 0.4999) -> dict[str, float]:
     """Return Lamé parameters with the soil's shear modulus and this Poisson's ratio."""
     mu = soil.LAME["mu"]
     return {"lambda": 2 * mu * nu / (1 - 2 * nu), "mu": mu}
 
 
-def shipped(name, *overrides):
+def shipped(name: str, *overrides: str) -> Maker:
     """Return the maker of a shipped scene with changes; it is not judged by its own
     expectations.
     """
@@ -221,7 +230,7 @@ def shipped(name, *overrides):
     return lambda folder: load_scene(name, ("expect=[]", *own, *overrides))
 
 
-def free_vibration(steps):
+def free_vibration(steps: int) -> Maker:
     """Return the maker of a column that swings after a half sine, nearly without dissipation: k_f =
     1e3 m/s, ρ∞ = 1.
     """
@@ -231,7 +240,7 @@ def free_vibration(steps):
     )
 
 
-def forced_vibration(steps):
+def forced_vibration(steps: int) -> Maker:
     """Return the maker of a column at finite strain under a harmonic load, 20 steps to the
     period.
     """
@@ -242,7 +251,7 @@ def forced_vibration(steps):
 
 
 SHORT = ("time.end=0.1", "reference.times=[0.1]")
-CUT = {"coupling": {"on_failure": "cut_step", "max_iterations": 15}}
+CUT: dict[str, Any] = {"coupling": {"on_failure": "cut_step", "max_iterations": 15}}
 # The law of Saint Venant and Kirchhoff carries most at J = 3^(-1/2).
 MOST = soil.confined_load("saint_venant_kirchhoff", 3**-0.5)  # [Pa]
 HALF = soil.confined_load("neo_hookean", 0.5, 0.3)  # [Pa]

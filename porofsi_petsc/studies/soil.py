@@ -2,10 +2,14 @@
 drained top.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 from ..config import Scene
 from ..config.sections import Limits
 from ..materials import ELASTIC
 
+Tables = dict[str, Any]  # a section of a scene, or an entry of one
 LAME = {"lambda": 8.375e6, "mu": 5.583e6}  # [Pa]
 YOUNG = (
     LAME["mu"] * (3 * LAME["lambda"] + 2 * LAME["mu"]) / (LAME["lambda"] + LAME["mu"])
@@ -16,14 +20,21 @@ COMPRESSION = 0.2  # drained, of the large-strain cases [-]
 REPORT_ALL = {name: "report" for name in Limits.model_fields}
 
 
-def confined_load(law, J, n_s0=1 - POROSITY):
+def confined_load(law: str, J: float, n_s0: float = 1 - POROSITY) -> float:
     """Return the pressure [Pa] under which the soil, laterally confined and drained, rests at the
     volume ratio J.
     """
     return -float(ELASTIC[law](LAME["lambda"], LAME["mu"], n_s0).confined(J))
 
 
-def material(k, law="linear_elastic", lame=LAME, porosity=POROSITY, grains=2000.0, region="body"):
+def material(
+    k: float | None,
+    law: str = "linear_elastic",
+    lame: dict[str, float] = LAME,
+    porosity: float = POROSITY,
+    grains: float = 2000.0,
+    region: str = "body",
+) -> Tables:
     """Return a [[material]] of permeability k [m/s], skeleton law and Lamé parameters [Pa], density
     of the grains [kg/m³].
     """
@@ -36,7 +47,7 @@ def material(k, law="linear_elastic", lame=LAME, porosity=POROSITY, grains=2000.
     }
 
 
-def lame(poisson, factor=1.0):
+def lame(poisson: float, factor: float = 1.0) -> dict[str, float]:
     """Return the Lamé parameters of a soil of this Poisson's ratio, as many times as stiff as set A
     [Pa].
     """
@@ -47,13 +58,15 @@ def lame(poisson, factor=1.0):
     }
 
 
-def layers(number):
+def layers(number: int) -> list[Tables]:
     """Return the regions of a number of equal horizontal layers, from below: layer0, layer1, ..."""
     height = SIZE / number
     return [{"name": f"layer{i}", "y": [i * height, (i + 1) * height]} for i in range(number)]
 
 
-def mesh(cells, order=1, dim=2, regions=()):
+def mesh(
+    cells: int, order: int = 1, dim: int = 2, regions: Sequence[dict[str, Any]] = ()
+) -> Tables:
     """Return a block of (even) cells in each direction, one half of its top the patch `load`."""
     half = {"points": [0.0, SIZE / 2, SIZE], "cells": [cells // 2, cells // 2]}
     height = {"points": [SIZE * i / max(len(regions), 1) for i in range(max(len(regions), 1) + 1)]}
@@ -65,7 +78,7 @@ def mesh(cells, order=1, dim=2, regions=()):
     return common | {"kind": "box", "y": {"points": [0.0, SIZE], "cells": [cells]}, "z": height}
 
 
-def column(cells, order=1):
+def column(cells: int, order: int = 1) -> Tables:
     """Return a column of one cell width, fine at its top."""
     height = {"points": [0.0, SIZE], "cells": [cells], "ratios": [0.2]}
     return {
@@ -76,7 +89,7 @@ def column(cells, order=1):
     }
 
 
-def walls(dim=2):
+def walls(dim: int = 2) -> list[Tables]:
     """Return impermeable rollers at the sides and the base."""
     sides = {
         "x": ["left", "right"],
@@ -89,7 +102,7 @@ def walls(dim=2):
     ]
 
 
-def boundary(load, dim=2):
+def boundary(load: str, dim: int = 2) -> list[Tables]:
     """Return `walls` and a drained top with a pressure `load` (formula, [Pa]) on the patch
     `load`.
     """
@@ -101,12 +114,12 @@ def boundary(load, dim=2):
     ]
 
 
-def covered(load):
+def covered(load: str) -> list[Tables]:
     """Return `walls` and a drained top with a pressure `load` (formula, [Pa]) on all of it."""
     return [*walls(), {"on": "top", "pressure": 0.0, "traction": {"y": f"-({load})"}}]
 
 
-def model(dynamic=True, finite=False):
+def model(dynamic: bool = True, finite: bool = False) -> Tables:
     """Return [model]: with or without inertia; at finite strain the mesh moves, convects and n_s =
     n_s0/J.
     """
@@ -116,7 +129,15 @@ def model(dynamic=True, finite=False):
     )
 
 
-def scene(title, mesh, model, time, materials, boundary, **more):
+def scene(
+    title: str,
+    mesh: Tables,
+    model: Tables,
+    time: Tables,
+    materials: list[Tables],
+    boundary: list[Tables],
+    **more: Any,
+) -> Scene:
     """Return the validated scene of these sections; what a model leaves out is reported, not
     refused.
     """

@@ -3,12 +3,14 @@ iterations.
 """
 
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..errors import PorofsiError
 from ..output.files import write_text
-from .hard_cases import CASES, QUICK
-from .table import Table, markdown, sweep
+from .hard_cases import CASES, QUICK, HardCase
+from .table import Row, Table, markdown, sweep
 from .trial import Outcome, attempt
 
 VALUES = (
@@ -42,7 +44,7 @@ HEADER = (
 ENERGY_BOUND = 1e-5
 
 
-def run_case(case, folder):
+def run_case(case: HardCase, folder: Path) -> dict[str, Any]:
     """Return the columns of a hard case, whose files go into the folder."""
     watch = case.watch() if case.watch else None
     outcome = _attempt(case, folder, watch)
@@ -80,7 +82,9 @@ def _kept(case, outcome, watch):
     return fine and (case.wanted != "cut" or outcome.cuts > 0)
 
 
-def study(directory, quick=False, anew=False, say=print):
+def study(
+    directory: Path, quick: bool = False, anew: bool = False, say: Callable[[str], object] = print
+) -> list[Row]:
     """Run the cases and write stability.csv and stability.md into the directory; return the
     rows.
     """
@@ -94,7 +98,7 @@ def study(directory, quick=False, anew=False, say=print):
     return rows
 
 
-def report(rows):
+def report(rows: Sequence[Row]) -> str:
     """Return the markdown table and what was refused with which message."""
     columns = ("group", "case", *VALUES[:-1])
     messages = [

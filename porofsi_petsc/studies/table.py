@@ -4,15 +4,34 @@ and markdown rows.
 
 import csv
 import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
 
 from ..errors import InputError
 from ..output.files import publish, temporary_name
+
+Row = dict[str, str]  # column -> text
+
+
+class Case(Protocol):
+    """What `sweep` asks of a case: its keys in the table, and a short label."""
+
+    @property
+    def keys(self) -> dict[str, Any]: ...
+    @property
+    def label(self) -> str: ...
+
+
+C = TypeVar("C", bound=Case)
 
 
 class Table:
     """The rows of a CSV file, each a dict of texts; the first columns, `keys`, name the case."""
 
-    def __init__(self, path, keys, values, anew=False):
+    def __init__(
+        self, path: Path, keys: Sequence[str], values: Sequence[str], anew: bool = False
+    ) -> None:
         """Go on with the file when it is there, unless all is wanted anew; incomplete rows and
         other columns are dropped.
 
@@ -21,7 +40,7 @@ class Table:
         self.path = path
         self._keys = tuple(keys)
         self._columns = [*keys, *values]
-        self._rows = {}
+        self._rows: dict[tuple[str, ...], Row] = {}
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.is_file() and not anew:
@@ -50,11 +69,11 @@ class Table:
     def _name(self, row):
         return tuple(as_text(row[key]) for key in self._keys)
 
-    def find(self, case):
+    def find(self, case: Mapping[str, Any]) -> Row | None:
         """Return the row of a case (dict of its keys), None when it has not been run."""
         return self._rows.get(self._name(case))
 
-    def add(self, row):
+    def add(self, row: Mapping[str, Any]) -> None:
         """Append a row to the file."""
         texts = {column: as_text(row[column]) for column in self._columns}
         self._rows[self._name(texts)] = texts
@@ -69,14 +88,19 @@ class Table:
         publish(self.path)
 
 
-def as_text(value):
+def as_text(value: object) -> str:
     """Return the text of a value in a table: four digits of a float, nothing for None."""
     if value is None:
         return ""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def sweep(table, cases, run, say=print):
+def sweep(
+    table: Table,
+    cases: Iterable[C],
+    run: Callable[[C], dict[str, Any]],
+    say: Callable[[str], object] = print,
+) -> list[Row]:
     """Run the cases that the table does not have, with a line for each; return the rows of all
     cases in their order.
 
@@ -96,10 +120,11 @@ def sweep(table, cases, run, say=print):
             f"{name} {as_text(value)}" for name, value in values.items() if as_text(value)
         )
         say(f"{done}/{len(todo)} {case.label}: {found}; {left:.0f} s left")
-    return [table.find(case.keys) for case in cases]
+    kept = (table.find(case.keys) for case in cases)
+    return [row for row in kept if row is not None]  # all have been run
 
 
-def markdown(header, rows):
+def markdown(header: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
     """Return a markdown table of texts or numbers."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(

@@ -1,14 +1,22 @@
 """One run of a scene for a study: its numbers in memory, no files, failures as text."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
 
+from ..config import Scene
 from ..errors import PorofsiError
 from ..linalg.options import start
 from ..linalg.stopwatch import Stopwatch
+from ..simulation.auto import AnyMedium
+from ..simulation.energy import Energy
+from ..simulation.loop import Clock
 from ..simulation.simulation import Simulation
+
+# looks at an accepted step
+Watch = Callable[[Clock, AnyMedium, Energy], None]
 
 
 @dataclass
@@ -31,21 +39,21 @@ class Outcome:
     t: float = 0.0
 
     @property
-    def mean(self):
+    def mean(self) -> float:
         """Return the mean number of coupling iterations of a step, NaN when no step was
         accepted.
         """
         return float(np.mean(self.iterations)) if self.iterations else float("nan")
 
     @property
-    def largest(self):
+    def largest(self) -> int:
         """Return the largest number of coupling iterations of a step, 0 when no step was
         accepted.
         """
         return max(self.iterations, default=0)
 
 
-def attempt(scene, watcher=None):
+def attempt(scene: Scene, watcher: Callable[[AnyMedium], Watch] | None = None) -> Outcome:
     """Run a scene to its end or its failure and return the `Outcome`.
 
     watcher : coupling -> function of (clock, coupling, energy), called after every accepted step.

@@ -3,10 +3,13 @@ scene.
 """
 
 import shlex
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
-from ..config import load_scene
+from ..config import Scene, load_scene
 from ..config.sections import LIMIT_OF
 from ..errors import InputError
 from ..output.figures import save_figure
@@ -14,7 +17,7 @@ from ..output.files import write_text
 from ..output.study_plots import draw_work_precision
 from .samples import Errors, Samples, quarters, sample_points
 from .soil import REPORT_ALL
-from .table import Table, as_text, markdown, sweep
+from .table import Row, Table, as_text, markdown, sweep
 from .trial import attempt
 
 # factors on the cells of each segment and on the time step
@@ -45,7 +48,7 @@ class Setting:
     scheme: str = "partitioned"
     accelerator: str = "iqn_ils"
 
-    def overrides(self, scene):
+    def overrides(self, scene: Scene) -> list[str]:
         """Return the KEY=VALUE changes of a scene; an axis of one cell, the width of a column,
         keeps it.
 
@@ -85,18 +88,18 @@ class Case:
     setting: Setting
 
     @property
-    def keys(self):
+    def keys(self) -> dict[str, Any]:
         """Return what names the case in a table."""
         return {"changes": " ".join(self.changes)} | {
             key: getattr(self.setting, key) for key in KEYS[1:]
         }
 
     @property
-    def label(self):
+    def label(self) -> str:
         """Return a few words for the progress."""
         return wording(self.keys)
 
-    def load(self):
+    def load(self) -> Scene:
         """Return the scene solved in this way."""
         return base_scene(
             self.scene,
@@ -104,7 +107,7 @@ class Case:
         )
 
 
-def base_scene(name, changes):
+def base_scene(name: str, changes: Sequence[str]) -> Scene:
     """Return the scene with its changes, without its own expectations; raises InputError for a mesh
     from a file.
 
@@ -122,7 +125,7 @@ def base_scene(name, changes):
     return scene.model_copy(update={"limits": scene.limits.model_copy(update=reported)})
 
 
-def wording(row):
+def wording(row: Mapping[str, Any]) -> str:
     """Return the settings of a row in words."""
     scheme = (
         f"partitioned with {row['accelerator']}"
@@ -133,10 +136,13 @@ def wording(row):
     return f"{size}, tolerance {as_text(row['tolerance'])}, {scheme}"
 
 
-def settings(scene, cells=CELLS, steps=STEPS):
+def settings(
+    scene: Scene, cells: Sequence[float] = CELLS, steps: Sequence[float] = STEPS
+) -> list[Setting]:
     """Return the settings of the study: orders, meshes and steps, then the couplings at the scene's
     order and the middle ones.
     """
+    assert scene.mesh.kind != "file"  # by `base_scene`
     accelerator = scene.coupling.accelerator
     tolerance = scene.coupling.tolerance
     found = [
@@ -153,14 +159,23 @@ def settings(scene, cells=CELLS, steps=STEPS):
     return list(dict.fromkeys(found))
 
 
-def finest(cells, steps):
+def finest(cells: Sequence[float], steps: Sequence[float]) -> Setting:
     """Return the setting that stands for the exact solution: twice the cells, half the step, P2,
     direct.
     """
     return Setting(2, 2 * max(cells), min(steps) / 2, FINEST_TOLERANCE, "direct")
 
 
-def study(name, directory, changes=(), error=1e-2, cells=CELLS, steps=STEPS, anew=False, say=print):
+def study(
+    name: str,
+    directory: Path,
+    changes: Sequence[str] = (),
+    error: float = 1e-2,
+    cells: Sequence[float] = CELLS,
+    steps: Sequence[float] = STEPS,
+    anew: bool = False,
+    say: Callable[[str], object] = print,
+) -> list[Row]:
     """Run the settings of a scene and write work_precision_SCENE.csv, .md and .png into the
     directory; return the rows.
 
@@ -223,7 +238,7 @@ def _compared(name, changes, setting, table, cases, say):
     return lambda scene: Samples(points, times, reference.values)
 
 
-def run_case(case, watch):
+def run_case(case: Case, watch: Callable[[Scene], Any]) -> dict[str, Any]:
     """Return the columns of a case; watch : scene -> object with `begin` and, after the run,
     error_u and error_p.
     """
@@ -246,9 +261,9 @@ def run_case(case, watch):
 # -- what the rows say -----------------------------------------------------------------------------
 
 
-def pareto(rows):
+def pareto(rows: Sequence[Row]) -> list[Row]:
     """Return the rows than which no other is both quicker and more exact, the quickest first."""
-    front = []
+    front: list[Row] = []
     for row in sorted(
         (row for row in rows if row["error"]),
         key=lambda row: (float(row["seconds"]), float(row["error"])),
@@ -258,7 +273,7 @@ def pareto(rows):
     return front
 
 
-def recommendation(rows, error):
+def recommendation(rows: Sequence[Row], error: float) -> str:
     """Return one sentence: the quickest setting with the wanted error, or the most exact one when
     none has it.
     """
@@ -293,7 +308,13 @@ def _series(rows):
     return series
 
 
-def command(scene, changes, error, cells, steps):
+def command(
+    scene: Scene,
+    changes: Sequence[str],
+    error: float,
+    cells: Sequence[float],
+    steps: Sequence[float],
+) -> str:
     """Return the command line of a study."""
     words = ["porofsi", "study", "work-precision", scene.name, "--error", f"{error:g}"]
     words += [word for text in changes for word in ("--set", text)]
@@ -302,7 +323,14 @@ def command(scene, changes, error, cells, steps):
     return shlex.join(words)
 
 
-def report(scene, command, rows, front, error, finest):
+def report(
+    scene: Scene,
+    command: str,
+    rows: Sequence[Row],
+    front: Sequence[Row],
+    error: float,
+    finest: Setting,
+) -> str:
     """Return the markdown table, the front and the recommendation."""
     header = [
         "order",
