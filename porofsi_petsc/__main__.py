@@ -15,7 +15,7 @@ from .streams import drop_unread
 TIME_OF_RANK_0 = 5.0  # [s] that another rank gives it to end the job after a signal
 
 
-def _open_streams():
+def _open_streams() -> None:
     """Give what was started without (>&-) a standard output and error: else the next file opened
     takes their place.
     """
@@ -29,7 +29,7 @@ def _open_streams():
     )
 
 
-def _close_streams():
+def _close_streams() -> None:
     """Drop what standard output and error do not take (a full disk, a reader that has gone), of
     which Python would complain.
 
@@ -43,7 +43,7 @@ def _close_streams():
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _end(text):
+def _end(text: object) -> int:
     """End the whole job after a signal: rank 0 says so at once, another rank when rank 0 has had
     its time and has not.
     """
@@ -59,7 +59,7 @@ def _end(text):
     return Stopped.exit_code
 
 
-def main():
+def main() -> None:
     """Run the command of the console."""
     _open_streams()
     with answered_by(note):  # once the command has ended, nothing is left to be interrupted

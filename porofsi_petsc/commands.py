@@ -6,19 +6,24 @@ Nothing heavy is imported before a command needs it, so that --help answers at o
 import math
 import sys
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import TracebackType
+from typing import Any, NoReturn, TypeVar
 
 import click
 
 from . import __version__
 from .errors import InputError, PorofsiError
 
+T = TypeVar("T")
+
 
 class Job:
     """The ranks of this run and their common end."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         try:
             from mpi4py import MPI
         except (ImportError, RuntimeError) as error:  # not installed; no library of MPI
@@ -36,17 +41,18 @@ class Job:
         if self.comm.size > 1:
             sys.excepthook = self.abort
 
-    def abort(self, kind, error, trace):
+    def abort(
+        self, kind: type[BaseException], error: BaseException, trace: TracebackType | None
+    ) -> None:
         """Print the traceback of this rank and end the job on all ranks; an excepthook."""
         lines = "".join(traceback.format_exception(kind, error, trace))
         _complain(f"rank {self.comm.rank} of {self.comm.size} failed:\n{lines}")
         self.comm.Abort(1)
 
-    def agree(self, action):
+    def agree(self, action: Callable[[], T]) -> T:
         """Return the action's value; raise the first rank's InputError on all ranks when it fails
         on any.
         """
-        value = None
         message = None
         try:
             value = action()
@@ -57,7 +63,7 @@ class Job:
             raise InputError(messages[0])
         return value
 
-    def fail(self, error):
+    def fail(self, error: PorofsiError) -> NoReturn:
         """End with the error's exit code; rank 0 speaks for all, a rank alone speaks for itself and
         ends the job.
         """
@@ -72,7 +78,7 @@ class Job:
 class Commands(click.Group):
     """A group whose commands end with the exit code of the PorofsiError they raise."""
 
-    def invoke(self, ctx):
+    def invoke(self, ctx: click.Context) -> Any:
         """Run the chosen command."""
         try:
             return super().invoke(ctx)
@@ -83,13 +89,13 @@ class Commands(click.Group):
             sys.exit(error.exit_code)
 
 
-def _complain(text):
+def _complain(text: str) -> None:
     """Print to standard error, where there is one."""
     with suppress(OSError):
         click.echo(text, err=True)
 
 
-def _show(text):
+def _show(text: str) -> None:
     """Print what a command was asked for; a reader that has gone (| head) ends it quietly, by
     click.
     """
@@ -103,13 +109,13 @@ def _show(text):
         ) from failure
 
 
-def _tell(text):
+def _tell(text: str) -> None:
     """Print a line of progress, which nothing depends on."""
     with suppress(OSError):
         click.echo(text)
 
 
-def _join(context):
+def _join(context: click.Context) -> Job:
     """Start MPI and make the job known to the group."""
     context.find_root().obj = job = Job()
     return job
@@ -141,7 +147,7 @@ smoke = click.option(
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="porofsi")
-def cli():
+def cli() -> None:
     """Saturated poroelastic dynamics by finite elements; run it under mpirun for more than one
     core.
     """
@@ -172,7 +178,15 @@ def cli():
 )
 @allow
 @click.pass_context
-def run(context, scene, petsc_options, output, overrides, smoke, **choices):
+def run(
+    context: click.Context,
+    scene: str,
+    petsc_options: tuple[str, ...],
+    output: Path | None,
+    overrides: tuple[str, ...],
+    smoke: bool,
+    **choices: Any,
+) -> None:
     """Solve SCENE (a file, or a name that `porofsi list` shows)."""
     from . import load_scene
     from . import run as run_scene
@@ -192,7 +206,13 @@ def run(context, scene, petsc_options, output, overrides, smoke, **choices):
 @smoke
 @allow
 @click.pass_context
-def check(context, scene, overrides, smoke, allow_scene_options):
+def check(
+    context: click.Context,
+    scene: str,
+    overrides: tuple[str, ...],
+    smoke: bool,
+    allow_scene_options: bool,
+) -> None:
     """Validate SCENE and its mesh, and say what would be solved."""
     from . import load_scene
 
@@ -209,7 +229,7 @@ def check(context, scene, overrides, smoke, allow_scene_options):
 
 
 @cli.command(name="list")
-def list_command():
+def list_command() -> None:
     """Show the shipped scenes."""
     from . import list_scenes
 
@@ -230,7 +250,9 @@ def list_command():
     help="Results.",
 )
 @click.pass_context
-def verify(context, cases, quick, as_text, output):
+def verify(
+    context: click.Context, cases: tuple[str, ...], quick: bool, as_text: bool, output: Path
+) -> None:
     """Compare with exact solutions.
 
     Runs the CASEs (default all) and prints computed, reference, error and bound.
@@ -254,7 +276,7 @@ def verify(context, cases, quick, as_text, output):
 
 @cli.command()
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
-def plot(directory):
+def plot(directory: Path) -> None:
     """Draw the figures of the results in DIR again."""
     from .output.figures import make_figures
 
@@ -263,7 +285,7 @@ def plot(directory):
 
 @cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
-def info(file):
+def info(file: Path) -> None:
     """Describe a checkpoint, a summary, a mesh or a result directory."""
     from .output.info import describe
 
@@ -271,14 +293,14 @@ def info(file):
 
 
 @cli.group()
-def study():
+def study() -> None:
     """Many short runs and their tables.
 
     A study goes on where it was stopped.
     """
 
 
-def study_options(name):
+def study_options(name: str) -> Callable[[Callable], click.Command]:
     """Return the decorator with the options of a study: where it writes, a sample of it, all of it
     anew.
     """
@@ -304,7 +326,7 @@ def study_options(name):
     return decorate
 
 
-def _alone(context):
+def _alone(context: click.Context) -> None:
     """Start MPI and refuse more than one rank."""
     if _join(context).comm.size > 1:
         raise InputError(
@@ -313,7 +335,7 @@ def _alone(context):
 
 
 @study_options("coupling")
-def study_coupling(context, output, quick, force):
+def study_coupling(context: click.Context, output: Path, quick: bool, force: bool) -> None:
     """Iterations over permeability, step and mesh.
 
     Also over order, strain and accelerator: 40 minutes on one core.
@@ -325,7 +347,7 @@ def study_coupling(context, output, quick, force):
 
 
 @study_options("stability")
-def study_stability(context, output, quick, force):
+def study_stability(context: click.Context, output: Path, quick: bool, force: bool) -> None:
     """Hard cases and what must be refused.
 
     The ends of the parameter range, bad meshes, 20 000 steps: 25 minutes on one core.
@@ -367,7 +389,17 @@ def _factors(context, parameter, text):
     metavar="LIST",
     help="Factors on the step, default 2,1,0.5.",
 )
-def study_work_precision(context, scene, overrides, error, cells, steps, output, quick, force):
+def study_work_precision(
+    context: click.Context,
+    scene: str,
+    overrides: tuple[str, ...],
+    error: float,
+    cells: tuple[float, ...],
+    steps: tuple[float, ...],
+    output: Path,
+    quick: bool,
+    force: bool,
+) -> None:
     """Error of SCENE against wall time.
 
     Over order, mesh, step, tolerance, scheme and accelerator: 40 runs of it.
