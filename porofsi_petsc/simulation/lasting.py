@@ -1,5 +1,12 @@
 """How large a size is that lasts: single steps say little after a jump of the load."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .loop import Clock
+
 # A jump of the load, or of its rate, makes velocities jump, the faster, the shorter the step, and
 # the scheme forgets it by about rho_inf per step: Mandel's slab in steps of 1e-4 s, rho_inf = 0.5,
 # has 5e3 at the jump, 0.77 to 0.55 of that in each step after it, and 0.1 after 22.  Steps in which
@@ -20,15 +27,15 @@ class Lasting:
     told; one that is above it for a moment is not.
     """
 
-    def __init__(self, end):
+    def __init__(self, end: float) -> None:
         """Take the end of the run [s]."""
         self._end = end
         self._last = 0.0
         self._counted = 0
         # [time [s], number of counted steps before it, least size since then], sizes increasing
-        self._trail = []
+        self._trail: list[list[float]] = []
 
-    def add(self, size, dt, clock):
+    def add(self, size: float, dt: float, clock: Clock) -> float:
         """Return the size that lasts up to now, by the `Clock` after a step of size dt."""
         fades = size < FADING * self._last
         self._last = size
@@ -49,14 +56,14 @@ class Lasting:
         short = clock.finished and FEWEST <= self._counted == clock.step
         return self._trail[0][2] if old or short else 0.0
 
-    def _is_long(self, time, steps):
+    def _is_long(self, time: float, steps: float) -> bool:
         return steps >= STEPS and time >= SHARE * self._end
 
-    def state(self):
+    def state(self) -> dict[str, Any]:
         """Return what a restart needs."""
         return {"last": self._last, "counted": self._counted, "trail": self._trail}
 
-    def load(self, state):
+    def load(self, state: dict[str, Any]) -> None:
         """Continue from `state`."""
         self._last = state["last"]
         self._counted = state["counted"]

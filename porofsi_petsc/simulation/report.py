@@ -139,6 +139,6 @@ def modelled(scene: Scene, model: Model) -> list[str]:
     ]
     terms += [f"{model.porosity} porosity"] if scene.is_porous else []
     terms += sorted({entry.solid.law for entry in scene.material if entry.solid})
-    stabilized = ("pspg", "supg", "lsic") if scene.phases[1] else ()
-    stabilized += ("undrained",) if any(entry.kind == "porous" for entry in scene.material) else ()
+    stabilized = ["pspg", "supg", "lsic"] if scene.phases[1] else []
+    stabilized += ["undrained"] if any(entry.kind == "porous" for entry in scene.material) else []
     return terms + [name for name in stabilized if getattr(scene.stabilization, name)]
