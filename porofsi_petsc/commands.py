@@ -121,7 +121,9 @@ def _join(context: click.Context) -> Job:
     return job
 
 
-def _positive(context, parameter, value):
+def _positive(
+    context: click.Context, parameter: click.Parameter, value: float | None
+) -> float | None:
     """Return a finite positive number, or None where none was given."""
     if value is not None and not 0 < value < math.inf:
         raise click.BadParameter(f"received '{value:g}', expected a positive number such as 1e-2")
@@ -305,7 +307,7 @@ def study_options(name: str) -> Callable[[Callable], click.Command]:
     anew.
     """
     directory = click.Path(path_type=Path, file_okay=False)
-    options = [
+    options: list[Callable] = [
         click.option(
             "--output",
             type=directory,
@@ -318,7 +320,7 @@ def study_options(name: str) -> Callable[[Callable], click.Command]:
         click.pass_context,
     ]
 
-    def decorate(command):
+    def decorate(command: Callable) -> click.Command:
         for option in reversed(options):
             command = option(command)
         return study.command(name=name)(command)
@@ -358,7 +360,7 @@ def study_stability(context: click.Context, output: Path, quick: bool, force: bo
     make(output, quick, force, _tell)
 
 
-def _factors(context, parameter, text):
+def _factors(context: click.Context, parameter: click.Parameter, text: str) -> tuple[float, ...]:
     """Return the positive numbers of a comma-separated list."""
     try:
         found = tuple(float(word) for word in text.split(","))

@@ -88,7 +88,7 @@ def stack(typing: Any, shape: Any) -> tuple[Any, Callable]:
     sizes = [size.literal_value for size in shape]
     array_type = types.Array(types.float64, len(sizes), "C")
 
-    def generate(context, builder, signature, arguments):
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = make_array(array_type)(context, builder)
         memory = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), int(np.prod(sizes))))
         strides = [8 * int(np.prod(sizes[k + 1 :])) for k in range(len(sizes))]
@@ -117,7 +117,7 @@ def specialized(make: F) -> F:
 
     @cache
     @wraps(make)
-    def of_sizes(*sizes):
+    def of_sizes(*sizes: int) -> _Loop:
         loop = make(*sizes)
         loop.__qualname__ = "_".join([make.__name__, *map(str, sizes)])
         return _Loop(loop)

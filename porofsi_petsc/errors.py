@@ -15,7 +15,7 @@ class _Short(reprlib.Repr):
     depth.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__()
         self.maxlevel = 3
         self.maxother = WIDTH

@@ -56,7 +56,7 @@ def determinant_minus_one(d: int, H: np.ndarray) -> float:
 
 @specialized
 def _det_loop(d: int) -> Callable[..., None]:
-    def loop(F, determinant):
+    def loop(F: np.ndarray, determinant: np.ndarray) -> None:
         for p in range(len(F)):
             determinant[p] = _determinant(d, F[p])
 
@@ -65,7 +65,7 @@ def _det_loop(d: int) -> Callable[..., None]:
 
 @specialized
 def _det_minus_one_loop(d: int) -> Callable[..., None]:
-    def loop(H, result):
+    def loop(H: np.ndarray, result: np.ndarray) -> None:
         for p in range(len(H)):
             result[p] = determinant_minus_one(d, H[p])
 
@@ -74,7 +74,7 @@ def _det_minus_one_loop(d: int) -> Callable[..., None]:
 
 @specialized
 def _inverse_loop(d: int) -> Callable[..., None]:
-    def loop(F, inverse, determinant):
+    def loop(F: np.ndarray, inverse: np.ndarray, determinant: np.ndarray) -> None:
         for p in range(len(F)):
             determinant[p] = invert(d, F[p], inverse[p])
 

@@ -40,7 +40,7 @@ def _of_numbers(function: Callable) -> Callable:
     their sine in 16 bits.
     """
 
-    def evaluate(*values):
+    def evaluate(*values: Any) -> Any:
         return function(*(np.asarray(value, dtype=float) for value in values))
 
     return evaluate
@@ -241,7 +241,7 @@ def _called(function: Callable) -> Evaluate:
     It raises InputError where that is not one real number for each point, or for all.
     """
 
-    def evaluate(t, x):
+    def evaluate(t: float, x: np.ndarray) -> Any:
         values = np.ma.filled(np.ma.asarray(function(t, x.copy())), np.nan)
         if values.dtype.kind not in "iuf" or values.shape not in ((), (len(x),)):
             kind = f"values of {values.dtype} of shape {values.shape} for {len(x)} points"
@@ -265,7 +265,7 @@ def _formula(text: str) -> tuple[frozenset[str], Evaluate]:
     )
     evaluator.nodes[ast.Constant] = lambda node: np.float64(node.value)
 
-    def evaluate(t, x):
+    def evaluate(t: float, x: np.ndarray) -> Any:
         evaluator.names = (
             CONSTANTS
             | {"t": np.float64(t)}
@@ -301,7 +301,7 @@ def _parse(text: str) -> ast.stmt:
     return body[0]
 
 
-def _check(tree, text):
+def _check(tree: Any, text: str) -> frozenset[str]:
     """Return the variables used; refuse what is no arithmetic on arrays before anything is
     evaluated.
     """
@@ -341,7 +341,7 @@ def _check(tree, text):
     return frozenset(used & set(VARIABLES))
 
 
-def _check_constant(node, text):
+def _check_constant(node: Any, text: str) -> None:
     if type(node.value) not in (int, float):
         raise InputError(
             f"expression {shown(text)}: received {shown(node.value)}, expected a number"
@@ -355,7 +355,7 @@ def _check_constant(node, text):
         )
 
 
-def _check_logic(node, text):
+def _check_logic(node: ast.AST, text: str) -> None:
     """Raise InputError where & | ~ stand beside a number: they bind closer than < and >, so that t
     > 1 & x is t > (1 & x).
     """
@@ -368,12 +368,12 @@ def _check_logic(node, text):
         )
 
 
-def _is_truth(node):
+def _is_truth(node: ast.AST) -> bool:
     """Return whether a part of a formula is true or false, not a number."""
     return isinstance(node, ast.Compare) or type(getattr(node, "op", None)) in LOGIC
 
 
-def _check_call(node, text):
+def _check_call(node: ast.Call, text: str) -> ast.expr:
     name = getattr(node.func, "id", None)
     if name not in FUNCTIONS:
         raise InputError(

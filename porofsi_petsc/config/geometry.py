@@ -142,7 +142,7 @@ class Box(Generated):
         return 3
 
 
-def _from_scene(path, info: ValidationInfo):
+def _from_scene(path: str, info: ValidationInfo) -> str:
     try:
         return str(Path((info.context or {}).get("folder", "."), path).resolve())
     except (OSError, ValueError, RuntimeError) as error:  # a null character, links in a circle

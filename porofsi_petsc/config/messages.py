@@ -42,13 +42,13 @@ def sentences(where: str | Path, error: ValidationError, tables: dict[str, Any])
     return "\n".join(lines)
 
 
-def _sentence(entry, tables):
+def _sentence(entry: Any, tables: dict[str, Any]) -> str:
     key = _key(entry, tables)
     text = _text(entry)
     return f"[{key}]: {text}" if key else f"[scene]: {text}"
 
 
-def _key(entry, tables):
+def _key(entry: Any, tables: dict[str, Any]) -> str:
     parts = _real_parts(entry["loc"], tables, keep_last=entry["type"] == "missing")
     context = entry.get("ctx", {})
     if entry["type"].startswith("union_tag"):
@@ -56,7 +56,7 @@ def _key(entry, tables):
     return ".".join([*parts, *map(_part, filter(None, [context.get("key")]))])
 
 
-def _real_parts(location, data, keep_last):
+def _real_parts(location: tuple, data: Any, keep_last: bool) -> list[str]:
     parts = []
     for i, part in enumerate(location):
         if isinstance(data, dict) and part in data:
@@ -69,7 +69,7 @@ def _real_parts(location, data, keep_last):
     return parts
 
 
-def _part(key):
+def _part(key: object) -> str:
     """Return a part of a dotted key as it is written, or in quotes where it would not fit into a
     line.
     """
@@ -77,7 +77,7 @@ def _part(key):
     return text if text.isprintable() and len(text) <= WIDTH else shown(text)
 
 
-def _text(entry):
+def _text(entry: Any) -> str:
     kind = entry["type"]
     context = entry.get("ctx", {})
     if kind == "wrong":
@@ -94,7 +94,7 @@ def _text(entry):
     return f"received {shown(value)}, expected {_expected(kind, context, entry['msg'])}"
 
 
-def _expected(kind, context, message):
+def _expected(kind: str, context: dict[str, Any], message: str) -> str:
     if kind == "literal_error":
         choices = context["expected"].replace("'", "").replace(" or ", ", ")
         return f"one of {choices}"

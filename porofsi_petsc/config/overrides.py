@@ -58,7 +58,7 @@ def apply_override(tables: dict[str, Any], key: str, value: Any) -> dict[str, An
     return tables
 
 
-def _step(target, part, key, above):
+def _step(target: Any, part: str, key: str, above: list[str]) -> Any:
     if isinstance(target, list):
         return target[_index(target, part, key, above)]
     if isinstance(target, dict):
@@ -66,7 +66,7 @@ def _step(target, part, key, above):
     raise _single(key, above)
 
 
-def _assign(target, part, value, key, above):
+def _assign(target: Any, part: str, value: Any, key: str, above: list[str]) -> None:
     if isinstance(target, list):
         target[_index(target, part, key, above)] = value
     elif isinstance(target, dict):
@@ -75,13 +75,13 @@ def _assign(target, part, value, key, above):
         raise _single(key, above)
 
 
-def _single(key, above):
+def _single(key: str, above: list[str]) -> InputError:
     return InputError(
         f"override {shown(key)}: {'.'.join(above)} is a single value, not a table or list"
     )
 
 
-def _index(target, part, key, above):
+def _index(target: list, part: str, key: str, above: list[str]) -> int:
     decimal = part.isascii() and part.isdecimal() and len(part) <= LONGEST_INDEX
     if not decimal or int(part) >= len(target):
         received = f"received {shown(part)} below the list {'.'.join(above)}"

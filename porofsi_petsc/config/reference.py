@@ -50,7 +50,7 @@ class Reference(Table):
     times: Annotated[tuple[Annotated[Number, Field(gt=0)], ...], ListOf()] = ()
 
     @model_validator(mode="after")
-    def _complete(self):
+    def _complete(self) -> "Reference":
         self._check("load", self.solution not in UNLOADED)
         self._check("frequency", self.solution in HARMONIC)
         self._check("strain", self.solution == "unconfined")
@@ -59,7 +59,7 @@ class Reference(Table):
             raise wrong(f"received {shown(list(self.times))}, expected increasing numbers", "times")
         return self
 
-    def _check(self, key, needed):
+    def _check(self, key: str, needed: bool) -> None:
         value = getattr(self, key)
         if needed and value is None:
             raise wrong(

@@ -114,7 +114,7 @@ class Time(Table):
     min_step: Positive | None = None
 
     @model_validator(mode="after")
-    def _controlled(self):
+    def _controlled(self) -> "Time":
         if self.error_tolerance is not None and self.growth != 1:
             raise wrong(
                 f"received {digits(self.growth)} with time.error_tolerance, which chooses the step;"
@@ -136,7 +136,7 @@ class Time(Table):
         return self
 
     @model_validator(mode="after")
-    def _ordered(self):
+    def _ordered(self) -> "Time":
         if self.step > self.end:
             raise wrong(
                 f"received {digits(self.step)} s, expected at most time.end = {digits(self.end)} s",
@@ -151,7 +151,7 @@ class Time(Table):
         return self
 
     @model_validator(mode="after")
-    def _ends(self):
+    def _ends(self) -> "Time":
         """Refuse steps that would be lost in the digits of the time, or so many that the run does
         not end.
         """
@@ -208,7 +208,7 @@ class Coupling(Table):
     max_cuts: Annotated[Count, Field(le=30)] = 4
 
     @model_validator(mode="after")
-    def _scaled_where_plain(self):
+    def _scaled_where_plain(self) -> "Coupling":
         if self.mass_scaling is not None and (self.split, self.scheme) != ("plain", "partitioned"):
             received = (
                 f"received {shown(self.mass_scaling)} with split = '{self.split}', scheme ="
@@ -246,7 +246,7 @@ class Probe(Table):
     quantities: Annotated[tuple[Quantity, ...], ListOf(shortest=1)]
 
     @model_validator(mode="after")
-    def _distinct(self):
+    def _distinct(self) -> "Probe":
         if len(set(self.quantities)) < len(self.quantities):
             raise wrong(
                 f"received {list(self.quantities)}, expected each quantity once", "quantities"
@@ -343,7 +343,7 @@ class Expect(Table):
     source: Text = ""
 
     @model_validator(mode="after")
-    def _complete(self):
+    def _complete(self) -> "Expect":
         if (self.at is None) == (self.statistic is None):
             raise wrong(
                 "expected exactly one of at = TIME and statistic = NAME, both are in docs/scene.md"

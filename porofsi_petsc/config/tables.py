@@ -36,14 +36,14 @@ def table(
     return dict(value, table=str(path)), content, lambda t, x: np.interp(t, times, values)
 
 
-def _resolved(folder, name):
+def _resolved(folder: str | os.PathLike[str] | None, name: str) -> Path:
     try:
         return Path(folder or ".", name).resolve()
     except (OSError, ValueError, RuntimeError) as error:  # a null character, links in a circle
         raise InputError(f"table {shown(name)} cannot be read: {error}") from None
 
 
-def _read_table(path, column):
+def _read_table(path: Path, column: str | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the first column (strictly increasing times [s]) and the wanted one of a CSV file,
     with or without a header.
     """
@@ -64,7 +64,7 @@ def _read_table(path, column):
     return times, values
 
 
-def _rows(path):
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of every row that is neither empty nor a comment."""
     text = read_text(
         path, "table", "numbers in columns", "a relative path starts at the scene's folder"
@@ -87,7 +87,9 @@ def _rows(path):
     return rows
 
 
-def _require_columns(rows, header, column, path):
+def _require_columns(
+    rows: list[tuple[int, list[str]]], header: list[str], column: str | None, path: Path
+) -> None:
     """Raise InputError unless every row is as long as the header, or as the first row, and the
     wanted column is clear.
     """
@@ -107,7 +109,7 @@ def _require_columns(rows, header, column, path):
         raise InputError(f"table {path}: {text}, or a header and column = NAME")
 
 
-def _pair(number, row, index, path):
+def _pair(number: int, row: list[str], index: int, path: Path) -> tuple[float, float]:
     """Return the time and the value of a row."""
     for i in (0, index):
         cell = row[i] if i < len(row) else ""
@@ -117,7 +119,7 @@ def _pair(number, row, index, path):
     return float(row[0]), float(row[index])
 
 
-def _column(header, column, path):
+def _column(header: list[str], column: str | None, path: Path) -> int:
     if column is None:
         return 1
     names = [name.strip() for name in header]
@@ -127,7 +129,7 @@ def _column(header, column, path):
     return names.index(column, 1)
 
 
-def _is_number(text):
+def _is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:

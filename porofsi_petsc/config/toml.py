@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -56,5 +57,5 @@ def require_plain(value: Any, where: str) -> None:
         )
 
 
-def _entries(value):
+def _entries(value: Any) -> Iterable[Any]:
     return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()

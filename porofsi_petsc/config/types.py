@@ -1,7 +1,7 @@
 """The strict table every section of a scene derives from, and the types of its entries."""
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -57,7 +57,7 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _know_every_key(cls, data):
+    def _know_every_key(cls, data: Any) -> Any:
         if isinstance(data, dict):
             known = [field.alias or name for name, field in cls.model_fields.items()]
             for key in data:
@@ -96,10 +96,10 @@ def _expression(value: Any, info: ValidationInfo) -> Expression:
         raise wrong(str(error)) from None
 
 
-def _positive_or(word):
+def _positive_or(word: str) -> Callable[[Any], Any]:
     """Return the check of a positive number or one word."""
 
-    def check(value):
+    def check(value: Any) -> Any:
         if value == word:
             return value
         if isinstance(value, (int, float)) and not isinstance(value, bool) and value > 0:

@@ -4,7 +4,11 @@ the interface.
 
 from typing import Any
 
+import numpy as np
+
 from ..phases.condensed import CondensedSolid
+from ..phases.residual import Residual
+from ..phases.transfer import Rates
 from .accelerators import Plain
 from .interface import InterfaceMedium, InterfaceSweep
 
@@ -42,29 +46,29 @@ class _CondensedSweep(InterfaceSweep):
             full_newton,
         )
         self._answer = answer
-        self._made = None
+        self._made: tuple[int, int] | None = None
 
     @property
     def remedies(self) -> tuple[str, ...]:
         """Return what a step that failed is tried with, in turn: there is nothing to accelerate."""
         return tuple(name for name in super().remedies if name != "accelerator")
 
-    def _alternatives(self):
+    def _alternatives(self) -> dict[str, str]:
         """Return name -> what to try."""
         return {
             name: text for name, text in super()._alternatives().items() if name != "accelerator"
         }
 
-    def _dot(self, a, b):
+    def _dot(self, a: np.ndarray, b: np.ndarray) -> float:
         return self.dot(a, b)
 
-    def _slow(self, iteration):
+    def _slow(self, iteration: int) -> bool:
         """Return whether a sweep has left more than SLOW of the residual: with fitting tangents it
         is a Newton step.
         """
         return iteration > self._renewed_at + 1 and self.convergence.contraction > SLOW
 
-    def _condense(self, rates):
+    def _condense(self, rates: Rates) -> None:
         """Put the answer of the solid into the matrix of the fluid where one of the tangents is
         new.
         """
@@ -76,7 +80,13 @@ class _CondensedSweep(InterfaceSweep):
         self.fluid.carry(self._answer.stiffness / rates.c_v)
         self._made = made
 
-    def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
+    def _iterate(
+        self,
+        iteration: int,
+        solid_residual: Residual,
+        fluid_residuals: tuple[Residual, Residual],
+        rates: Rates,
+    ) -> None:
         self._renew_tangents(iteration, rates)
         self._condense(rates)
         alone = self.solid.solve(-solid_residual.total)

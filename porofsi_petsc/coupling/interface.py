@@ -106,12 +106,18 @@ class InterfaceMedium(Medium):
         """Return the accepted velocity of solid and mesh, (n_local, d) [m/s]."""
         return np.where(self._of_solid, self.solid.v, self.motion.v)
 
-    def _begin(self, t, rates, accepted):
+    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
         self.motion.begin_step(self.solid.scheme, t)
         self.motion.follow(self.solid.end_displacement)
         super()._begin(t, rates, accepted)
 
-    def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
+    def _iterate(
+        self,
+        iteration: int,
+        solid_residual: Residual,
+        fluid_residuals: tuple[Residual, Residual],
+        rates: Rates,
+    ) -> None:
         super()._iterate(iteration, solid_residual, fluid_residuals, rates)
         if self._sees == "trial":
             self.motion.follow(self.solid.end_displacement)
@@ -161,7 +167,7 @@ class InterfaceSweep(PartitionedMedium):
     new tangents in each.
     """
 
-    def _renew_tangents(self, iteration, rates):
+    def _renew_tangents(self, iteration: int, rates: Rates) -> bool:
         """Do what `PartitionedMedium` does, or renew both."""
         if not self.solid.is_stiff_in_volume:
             return super()._renew_tangents(iteration, rates)
@@ -189,11 +195,11 @@ class _Sweep(InterfaceSweep):
         self._conditions, self._rows = conditions, self.solid.domain.nodes
         self._both = bool(self.solid.domain.n_nodes and self.fluid.domain.n_nodes)
 
-    def _begin(self, t, rates, accepted):
+    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
         self._conditions.prepare(self.fluid, self.solid, rates)
         super()._begin(t, rates, accepted)
 
-    def _slow(self, iteration):
+    def _slow(self, iteration: int) -> bool:
         """Return whether slow sweeps call for new tangents: where the step has made some, the
         coupling is what is slow.
         """
@@ -219,7 +225,7 @@ class _Sweep(InterfaceSweep):
         """Return which rows of an accelerated vector belong to the interface."""
         return np.flatnonzero(self._on_solid[self._rows])
 
-    def _dot(self, a, b):
+    def _dot(self, a: np.ndarray, b: np.ndarray) -> float:
         return self.dot(a[self._of_interface], b[self._of_interface])
 
     def state(self) -> Arrays:
@@ -249,7 +255,7 @@ class InterfaceCoupling(InterfaceMedium, _Sweep):
     Neumann-Dirichlet, strong, weak or one-way.
     """
 
-    def _alternatives(self):
+    def _alternatives(self) -> dict[str, str]:
         """Return name -> what to try; against an added mass a smaller step does not help."""
         alternatives = super()._alternatives()
         if self._both:

@@ -98,7 +98,7 @@ class Medium:
             self.failed += self._swept
             raise
 
-    def _converge(self, rates, t, step):
+    def _converge(self, rates: Rates, t: float, step: int) -> None:
         self._swept = 0
         for iteration in range(self._cap + 1):
             self.fluid.follow(self.carrier())

@@ -5,6 +5,8 @@ tangents (quasi-direct, direct).
 from mpi4py import MPI
 
 from ..linalg.solver import LinearSolver
+from ..phases.residual import Residual
+from ..phases.transfer import Rates, Skeleton
 from .medium import Medium
 from .protocols import Block, Fluid, Mixture, Solid
 
@@ -37,13 +39,19 @@ class MonolithicCoupling(Medium):
         """Return the mixture's solver, whose time contains those of the phases."""
         return [self.mixture.solver] if self.mixture.solver else []
 
-    def _begin(self, t, rates, accepted):
+    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
         """Start every step of a nonlinear problem with a new preconditioner, since a restart has no
         other.
         """
         if self.mixture.solver and not (self.solid.is_linear and self.fluid.is_linear):
             self.mixture.solver.refactor()
 
-    def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
+    def _iterate(
+        self,
+        iteration: int,
+        solid_residual: Residual,
+        fluid_residuals: tuple[Residual, Residual],
+        rates: Rates,
+    ) -> None:
         self.mixture.correct(solid_residual, fluid_residuals, rates)
         self.convergence.force_per_rate = self.mixture.force_per_rate

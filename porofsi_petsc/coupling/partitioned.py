@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from ..clock import Scheme
 from ..phases.tangent import Travel
-from ..phases.transfer import Rates
+from ..phases.transfer import Rates, Skeleton
 from .accelerators import Anderson, Plain, QuasiNewton
 from .medium import Medium
 from .protocols import Arrays, Fluid, Memory, Solid
@@ -71,7 +71,7 @@ class PartitionedMedium(Medium):
         """Return the inner product of two accelerated vectors."""
         raise NotImplementedError
 
-    def _alternatives(self):
+    def _alternatives(self) -> dict[str, str]:
         """Return name -> what to try."""
         alternatives = super()._alternatives()
         if not isinstance(self._accelerator, Anderson | QuasiNewton):
@@ -80,7 +80,7 @@ class PartitionedMedium(Medium):
             alternatives["tangents"] = 'coupling.tangent = "newton"'
         return alternatives | {"scheme": 'coupling.scheme = "direct"'}
 
-    def _begin(self, t, rates, accepted):
+    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
         self._accelerator.begin_step()
         self._renewed_at = 0
         if self._travel:
@@ -89,7 +89,7 @@ class PartitionedMedium(Medium):
             self.fluid.prepare_tangent(rates, self.iterations, accepted)
             self.solid.prepare_tangent(rates, self.iterations)
 
-    def _renew_tangents(self, iteration, rates):
+    def _renew_tangents(self, iteration: int, rates: Rates) -> bool:
         """Renew both tangents at the trial state: by full Newton where it has moved, else where
         lagged ones are slow or far away.
 
@@ -107,7 +107,7 @@ class PartitionedMedium(Medium):
             self._renewed_at = iteration
         return stale and not self._travel
 
-    def _slow(self, iteration):
+    def _slow(self, iteration: int) -> bool:
         return iteration - self._renewed_at >= PATIENCE and self.convergence.slow
 
     # -- what a step leaves to the next ------------------------------------------------------------

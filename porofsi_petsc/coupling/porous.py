@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..phases.residual import Residual
+from ..phases.transfer import Rates, Skeleton
 from .partitioned import PartitionedMedium
 
 # Guards of Aitken's factor by split.  The corrected split's error factors lie between -1/2 and 1/2
@@ -22,11 +24,17 @@ class PorousCoupling(PartitionedMedium):
     (measured: else IQN-ILS, which reuses old answers, takes one sweep more).
     """
 
-    def _begin(self, t, rates, accepted):
+    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
         super()._begin(t, rates, accepted)
-        self._weights = None
+        self._weights: np.ndarray | None = None
 
-    def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
+    def _iterate(
+        self,
+        iteration: int,
+        solid_residual: Residual,
+        fluid_residuals: tuple[Residual, Residual],
+        rates: Rates,
+    ) -> None:
         """Do one Gauss-Seidel sweep and, from the second on, replace the trial state by the
         accelerated one.
         """
@@ -49,17 +57,17 @@ class PorousCoupling(PartitionedMedium):
         self._unknowns = self._accelerator.next(before, after)
 
     @property
-    def _unknowns(self):
+    def _unknowns(self) -> np.ndarray:
         """Return v_f, p and u of the trial state on the owned nodes, (n_owned, 2 d + 1)."""
         return np.column_stack([self.fluid.unknowns, self.solid.unknowns])
 
     @_unknowns.setter
-    def _unknowns(self, values):
+    def _unknowns(self, values: np.ndarray) -> None:
         d = self.solid.mesh.dim
         self.fluid.unknowns = values[:, : d + 1]
         self.solid.unknowns = values[:, d + 1 :]
 
-    def _inverse_squares(self, increment):
+    def _inverse_squares(self, increment: np.ndarray) -> np.ndarray:
         """Return 1/|increment of the field|² of every component, (2 d + 1,); 1 for a field that
         does not change.
         """
@@ -67,5 +75,5 @@ class PorousCoupling(PartitionedMedium):
         fields = (increment[:, :d], increment[:, d], increment[:, d + 1 :])
         return np.repeat([1 / (self.dot(field, field) or 1.0) for field in fields], [d, 1, d])
 
-    def _dot(self, a, b):
+    def _dot(self, a: np.ndarray, b: np.ndarray) -> float:
         return self.dot(a * self._weights, b)

@@ -41,7 +41,7 @@ class Cryer:
         """
         eta = self.modulus / (2 * self.mu)
 
-        def equation(x):
+        def equation(x: float) -> float:
             return (1 - eta * x**2 / 2) * np.sin(x) - x * np.cos(x)
 
         from scipy.optimize import brentq  # slow to import, and few scenes have this reference

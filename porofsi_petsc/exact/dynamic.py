@@ -8,6 +8,7 @@ In the modes u = Σ cos(k z) q, k = (2n+1) π/2L, every mode is an oscillator M 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,7 +116,15 @@ class DynamicColumn:
         s2 = (-self.damping - root) / (2 * self.mass)
         return k, self.modulus * k**2 / (self.mass * s2), s2
 
-    def _sum(self, z, t, k, load, parts, remainder=0.0):
+    def _sum(
+        self,
+        z: ArrayLike,
+        t: float,
+        k: np.ndarray,
+        load: float,
+        parts: list[tuple[Any, np.ndarray]],
+        remainder: float | np.ndarray = 0.0,
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return u = f (L - z)/E_c + Σ cos(k z) (Σ c e^(s t) + remainder) and p = Σ sin(k z)/k
         (n_s/n_f ρ_fR q̈ + C q̇).
         """

@@ -98,7 +98,7 @@ class EthierSteinman:
         x, y, z = X.T
         fading = -self.speed * np.exp(-self.viscosity / self.density * d**2 * t)
 
-        def component(x, y, z):
+        def component(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
             return np.exp(a * x) * np.sin(a * y + d * z) + np.exp(a * z) * np.cos(a * x + d * y)
 
         return fading * np.column_stack(

@@ -39,7 +39,7 @@ class Mandel:
         """
         ratio = 2 * (1 - self.poisson) / (1 - 2 * self.poisson)
 
-        def equation(a):
+        def equation(a: float) -> float:
             return np.sin(a) - ratio * a * np.cos(a)
 
         poles = np.pi * (np.arange(MODES) + 0.5)

@@ -118,7 +118,7 @@ class Ring:
         hoop = np.hstack([by_r, self.mode * by_r])
         shear = np.hstack([-self.mode * by_r, slope - by_r])
 
-        def product(a, b):
+        def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
             return a.T @ (weight[:, None] * b)
 
         stiffness = self.lam * product(radial + hoop, radial + hoop) + self.mu * product(

@@ -35,7 +35,7 @@ class Selfweight:
         """
         nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
 
-        def settle(depths):
+        def settle(depths: np.ndarray) -> np.ndarray:
             half = (self.height - depths) / 2
             Z = np.add.outer(self.height - half, np.zeros(GAUSS_POINTS)) + np.multiply.outer(
                 half, nodes

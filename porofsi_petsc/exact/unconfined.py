@@ -49,7 +49,7 @@ class UnconfinedCylinder:
 
         ratio = (1 - self.poisson) / (1 - 2 * self.poisson)
 
-        def equation(a):
+        def equation(a: float) -> float:
             return j1(a) - ratio * a * j0(a)
 
         upper = jn_zeros(0, MODES)

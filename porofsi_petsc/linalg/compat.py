@@ -3,7 +3,7 @@ without a wrapper, renamed calls.
 """
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -37,7 +37,7 @@ def insert_environment_options() -> None:
 
 
 @contextmanager
-def local_values(matrix: PETSc.Mat, sizes: tuple[int, int]) -> Iterator[list[np.ndarray]]:
+def local_values(matrix: PETSc.Mat, sizes: Sequence[int]) -> Iterator[list[np.ndarray]]:
     """Lend the values of an AIJ matrix, row by row: those in the columns of this rank and those in
     the others', of known sizes.
 

@@ -7,6 +7,7 @@ positive.  Units: Pa for energy density, stress and tangent.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class ElasticLaw:
 
     lowest_ratio = 0.0  # J in confined compression below which the law softens, or has no stress
 
-    def confined(self, J: np.ndarray) -> np.ndarray:
+    def confined(self, J: float | np.ndarray) -> Any:
         """Return the nominal stress of F = diag(1, 1, J) along it, the shape of J [Pa]; in closed
         form where a law has one.
         """
@@ -89,7 +90,7 @@ class LinearElastic(ElasticLaw):
 
     small_strain = True
 
-    def confined(self, J: np.ndarray) -> np.ndarray:
+    def confined(self, J: float | np.ndarray) -> Any:
         """Return E_c (J - 1)."""
         return self.oedometer_modulus * (J - 1)
 
@@ -132,7 +133,7 @@ class SaintVenantKirchhoff(ElasticLaw):
 
     lowest_ratio = 1 / np.sqrt(3)  # the confined stress has its extremum there
 
-    def confined(self, J: np.ndarray) -> np.ndarray:
+    def confined(self, J: float | np.ndarray) -> Any:
         """Return E_c J (J² - 1)/2."""
         return self.oedometer_modulus * J * (J**2 - 1) / 2
 
@@ -226,7 +227,7 @@ class _CompressibleNeoHookean(ElasticLaw):
     1, and U' of J.
     """
 
-    def confined(self, J: np.ndarray) -> np.ndarray:
+    def confined(self, J: float | np.ndarray) -> Any:
         """Return mu (J - 1/J) + U'."""
         return self.mu * (J - 1 / J) + self._pressure(J)
 
@@ -234,7 +235,7 @@ class _CompressibleNeoHookean(ElasticLaw):
         """Return U, J U' and J (J U')', the shape of J - 1."""
         raise NotImplementedError
 
-    def _pressure(self, J: np.ndarray) -> np.ndarray:
+    def _pressure(self, J: float | np.ndarray) -> Any:
         """Return U', the shape of J."""
         raise NotImplementedError
 
@@ -382,7 +383,7 @@ class XieLeo(_CompressibleNeoHookean):
     falls at J far above 1).
     """
 
-    def confined(self, J: np.ndarray) -> np.ndarray:
+    def confined(self, J: float | np.ndarray) -> Any:
         """Return E_c ln J."""
         return self.oedometer_modulus * np.log(J)
 
