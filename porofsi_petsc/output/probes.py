@@ -26,7 +26,7 @@ class Probes:
     def __init__(
         self,
         mesh: LocalMesh,
-        points: Sequence[tuple[str, Sequence[float]]],
+        points: Sequence[tuple[str, Sequence[float] | np.ndarray]],
         preferred: np.ndarray | None = None,
     ) -> None:
         """Locate the points; collective.
