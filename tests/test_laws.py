@@ -14,6 +14,7 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.materials import (
     ELASTIC,
     PERMEABILITY,
+    ElasticLaw,
     FromEnergy,
     PermeabilityLaw,
     law,
@@ -183,6 +184,14 @@ def test_a_law_that_breaks_the_contract_is_refused(members, message):
     with pytest.raises(ValueError, match=f"elastic law 'broken': .*({message})"):
         ELASTIC.register("broken")(broken(**members))
     assert "broken" not in ELASTIC
+
+
+def test_a_law_without_a_stress_is_refused_by_name():
+    class Without(ElasticLaw):
+        pass
+
+    with pytest.raises(ValueError, match="elastic law 'without': Without has no stress"):
+        ELASTIC.register("without")(Without)
 
 
 @pytest.mark.parametrize("key", ["law", "density", "young", "copy", "model_fields"])

@@ -16,7 +16,7 @@ AGREEMENT_TIME = 5.0  # [s] that a failing rank waits for the others to fail in 
 class Agreement:
     """A private duplicate of a communicator, so that its barrier meets no other message."""
 
-    def __init__(self, comm: MPI.Comm):
+    def __init__(self, comm: MPI.Comm) -> None:
         """Duplicate a communicator of several ranks (collective)."""
         self._several = comm.size > 1
         self._comm = comm.Dup() if self._several else comm

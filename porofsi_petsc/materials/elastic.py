@@ -66,11 +66,11 @@ class ElasticLaw:
 
     def stress(self, H: np.ndarray) -> np.ndarray:
         """Return P, (..., d, d)."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no stress")
 
     def tangent(self, H: np.ndarray) -> np.ndarray:
         """Return dP/dF, (..., d, d, d, d)."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no tangent")
 
     def mixed_tangent(self, H: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Return dP/dF at H with the stress that is linear from another H, of the iterate before,
