@@ -45,7 +45,7 @@ def duct(n, growth=25.0):
     z = HEIGHT / 2 * _graded(round(0.6 * n), OFF_WALL)
     points = np.hstack([np.repeat(plane, len(z), axis=0), np.tile(z, len(plane))[:, None]])
     cells = _oriented(points, _layered(triangles, len(z)))
-    points, cells = add_midside_nodes(points, cells, ELEMENTS["T10"].edges)
+    points, cells = add_midside_nodes(points, cells, ELEMENTS["T10"])
     facets = _facets(points, cells)
     _round(points, np.unique(facets["cylinder"]))
     region = np.zeros(len(cells), dtype=np.int64)

@@ -55,9 +55,7 @@ def write_mesh(path, h):
             nodes,
         )
     )
-    points, cells = add_midside_nodes(
-        np.array(list(nodes)), np.concatenate(parts), ELEMENTS["T6"].edges
-    )
+    points, cells = add_midside_nodes(np.array(list(nodes)), np.concatenate(parts), ELEMENTS["T6"])
     region = np.repeat(range(3), [len(part) for part in parts])
     cell, local = boundary_facets(cells, ELEMENTS["T6"])
     facets = cell_facets(cells, ELEMENTS["T6"])[cell, local]

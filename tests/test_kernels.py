@@ -129,11 +129,11 @@ def test_second_derivatives_are_those_of_curved_elements(name):
         """Return the geometries of x and X and the `SecondDerivatives` of x at reference points (Q,
         d).
         """
-        rule = Rule(element.shape(points), element.gradient(points), np.ones(len(points)))
+        rule = Rule.at(element, points, np.ones(len(points)))
         current = geometry(rule, x)
         reference = geometry(rule, X)
-        slope = SecondDerivatives.at(element, X, reference, None).volume_slope
-        return current, reference, SecondDerivatives.at(element, x, current, slope)
+        slope = SecondDerivatives.at(rule, X, reference, None).volume_slope
+        return current, reference, SecondDerivatives.at(rule, x, current, slope)
 
     dG = []
     d_ln_J = []

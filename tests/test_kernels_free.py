@@ -10,7 +10,6 @@ import pytest
 from kernel_states import FD_TOLERANCE, central_difference, distorted, free_chunk, relative
 
 from porofsi_petsc.elements import ELEMENTS
-from porofsi_petsc.elements.simplex import FACET
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, shape
 from porofsi_petsc.kernels.surface import facet_normal, surface_load
@@ -112,7 +111,7 @@ def test_shape_tangent_is_the_derivative(name, mu, convection):
 
     def residual(x):
         current = geometry(rule, x)
-        second = SecondDerivatives.at(element, x, current, None) if el.second is not None else None
+        second = SecondDerivatives.at(rule, x, current, None) if el.second is not None else None
         return joined(replace(el, geometry=current, second=second), fields)
 
     exact = shape.flow_by_geometry(el, fields, None).reshape(len(x), -1, x[0].size)
@@ -136,13 +135,13 @@ class Patch:
         self.cells = mesh.cells
         cell, local = boundary_facets(mesh.cells, mesh.element)
         if element.order == 2:
-            self.x, self.cells = add_midside_nodes(self.x, self.cells, element.edges)
+            self.x, self.cells = add_midside_nodes(self.x, self.cells, element)
         self.facets = cell_facets(self.cells, element)[cell, local]
         rule = Rule.of(element, 2 * element.order + 1)
         current = geometry(rule, self.x[self.cells])
         points = (len(self.cells), len(rule.weights))
         second = (
-            SecondDerivatives.at(element, self.x[self.cells], current, None)
+            SecondDerivatives.at(rule, self.x[self.cells], current, None)
             if element.order == 2
             else None
         )
@@ -186,7 +185,7 @@ class Patch:
         """Return the nodal forces ∮ N_a σ n dA on the whole boundary, (N, d), of a stress at points
         (..., d) -> (..., d, d).
         """
-        facet = FACET[self.element.name]
+        facet = self.element.facet
         rule = Rule.of(facet, 2 * self.element.order + 1)
         x = self.x[self.facets]
         normal = facet_normal(rule.dN, rule.weights, x)

@@ -7,14 +7,13 @@ import pytest
 from kernel_states import FD_TOLERANCE, central_difference, relative
 
 from porofsi_petsc.elements import ELEMENTS
-from porofsi_petsc.elements.simplex import FACET
 from porofsi_petsc.fem.geometry import Rule
 from porofsi_petsc.kernels import surface
 
 
 def facets(name, rng, count=6):
     """Return rule and coordinates (F, A, d) of facets that are bent and turned in space."""
-    facet = FACET[name]
+    facet = ELEMENTS[name].facet
     d = ELEMENTS[name].dim
     flat = np.pad(facet.node_coordinates, ((0, 0), (0, 1)))
     turn = np.linalg.qr(rng.standard_normal((count, d, d)))[0]
@@ -26,7 +25,7 @@ def whole_boundary(name, rng):
     """Return rule and coordinates (F, A, d) of the facets of one distorted element."""
     element = ELEMENTS[name]
     x = element.node_coordinates + 0.06 * rng.standard_normal((element.nodes, element.dim))
-    return Rule.of(FACET[name], 2 * element.order + 1), x[np.array(element.facets)]
+    return Rule.of(ELEMENTS[name].facet, 2 * element.order + 1), x[np.array(element.facets)]
 
 
 @pytest.mark.parametrize("name", ELEMENTS)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from porofsi_petsc.elements.quadrature import quadrature
-from porofsi_petsc.elements.simplex import FACET
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.mesh import box, memory, node_graph, rectangle, require_regions, require_tags
 from porofsi_petsc.mesh.check import boundary_tags, require_every_tag
@@ -77,7 +76,7 @@ def test_sides_have_their_exact_measure_and_outward_normal(generated):
         ("top", last, 1),
     ):
         nodes = mesh.facets[tag]
-        area = measures(mesh.points, nodes, FACET[mesh.element.name]).sum()
+        area = measures(mesh.points, nodes, mesh.element.facet).sum()
         assert area == pytest.approx(np.prod(np.delete(lengths, direction)), rel=1e-12)
         cell, _ = locate_facets(nodes, mesh.cells, mesh.element)
         inward = (
@@ -115,7 +114,7 @@ def test_closed_surface_has_no_net_normal(generated):
 def test_midside_nodes_lie_in_the_middle_and_are_shared(generated):
     mesh, _ = generated
     if mesh.element.order == 2:
-        for number, (a, b) in enumerate(mesh.element.edges):
+        for number, (a, b) in enumerate(mesh.element.cell.edges):
             middle = mesh.points[mesh.cells[:, [a, b]]].mean(axis=1)
             assert np.array_equal(mesh.points[mesh.cells[:, mesh.dim + 1 + number]], middle)
 
@@ -151,7 +150,8 @@ def test_square_patch_on_a_box():
         [part("load", "top", x=[10.0, 11.0], y=[0.0, 10.0]), part("hole", "front", z=[-1.0, 0.0])],
     )
     area = {
-        tag: measures(mesh.points, nodes, FACET["T4"]).sum() for tag, nodes in mesh.facets.items()
+        tag: measures(mesh.points, nodes, mesh.element.facet).sum()
+        for tag, nodes in mesh.facets.items()
     }
     assert area == pytest.approx(
         {

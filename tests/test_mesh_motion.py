@@ -14,6 +14,7 @@ from running import SCENES, Job, run_here
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.clock import second_order
+from porofsi_petsc.elements.simplex import Simplex
 from porofsi_petsc.errors import ConvergenceError
 from porofsi_petsc.fem.geometry import shape_quality
 from porofsi_petsc.linalg.options import start
@@ -144,7 +145,9 @@ def test_the_shape_of_an_element_is_its_mean_ratio(dim):
     )
     stretched = dim * 3.0 ** (2 / dim) / (9.0 + dim - 1)
     # digits left of 1e-3 at a distance of 7
-    assert shape_quality(elements) == pytest.approx([1.0, 1.0, stretched, stretched], rel=1e-12)
+    assert shape_quality(Simplex(dim), elements) == pytest.approx(
+        [1.0, 1.0, stretched, stretched], rel=1e-12
+    )
 
 
 # A mesh that is fine at its lower side, where a dent is pressed into it.

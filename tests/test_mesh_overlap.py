@@ -32,7 +32,7 @@ def moved(mesh, shift):
     points = mesh.points.copy()
     points[np.abs(points - 1.0).sum(axis=1) < 1e-12, 0] += shift
     corners = mesh.dim + 1
-    for i, (a, b) in enumerate(mesh.element.edges[: mesh.cells.shape[1] - corners]):
+    for i, (a, b) in enumerate(mesh.element.cell.edges[: mesh.cells.shape[1] - corners]):
         points[mesh.cells[:, corners + i]] = (
             points[mesh.cells[:, a]] + points[mesh.cells[:, b]]
         ) / 2

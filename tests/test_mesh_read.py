@@ -33,7 +33,7 @@ GMSH_TYPE = {"line": 1, "triangle": 2, "tetra": 4, "line3": 8, "triangle6": 9, "
 def blocks(mesh):
     """Return (meshio kind, dimension, name, nodes) for every named group."""
     groups = [
-        (mesh.element.facet_meshio_name, mesh.dim - 1, tag, nodes)
+        (mesh.element.facet.meshio_name, mesh.dim - 1, tag, nodes)
         for tag, nodes in mesh.facets.items()
     ]
     parts = [mesh.cells[mesh.cell_region == i] for i in range(len(mesh.regions))]
@@ -369,7 +369,7 @@ def test_degenerate_cell_is_named_with_its_vertices(tmp_path):
 def test_folded_curved_cell_is_named_with_the_place(tmp_path, name):
     mesh = MESHES[name]
     points = mesh.points.copy()
-    a, b = mesh.element.edges[0]
+    a, b = mesh.element.cell.edges[0]
     points[mesh.cells[0, mesh.dim + 1]] = (
         0.1 * points[mesh.cells[0, a]] + 0.9 * points[mesh.cells[0, b]]
     )

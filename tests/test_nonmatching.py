@@ -12,7 +12,6 @@ from running import SCENES, Job, history, largest_difference, needs_mpirun, run_
 from porofsi_petsc import load_scene
 from porofsi_petsc.config.geometry import Axis, Region
 from porofsi_petsc.elements import ELEMENTS
-from porofsi_petsc.elements.simplex import FACET
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.fem.closest import closest_points
@@ -234,7 +233,7 @@ def ring_of_facets(n, order, shift):
 
 def pressure_of(element, facets, X):
     """Return ∮ N_a n dA, (n, d), of facets (F, Af) with coordinates X (F, Af, d)."""
-    rule = Rule.of(FACET[element.name], 2 * element.order)
+    rule = Rule.of(element.facet, 2 * element.order)
     load = np.zeros((facets.max() + 1, element.dim))
     np.add.at(load, facets, rule.N.T @ facet_normal(rule.dN, rule.weights, X))
     return load
@@ -284,7 +283,7 @@ def test_the_closest_point_is_the_minimum_over_all_points():
     points = random.uniform(-0.2, 1.2, size=(40, 3)) * [1, 1, 0.2] + [0, 0, 1.0]
     _, _, distance = closest_points(mesh.element, X, points)
     i, j = np.meshgrid(np.arange(81), np.arange(81))
-    facet = FACET[mesh.element.name]
+    facet = mesh.element.facet
     xi = np.column_stack([i.ravel(), j.ravel()])[(i + j).ravel() <= 80] / 80
     sample = (facet.shape(xi) @ X).reshape(-1, 3)
     nearest = np.array([np.linalg.norm(sample - point, axis=1).min() for point in points])

@@ -1,6 +1,7 @@
-"""Table of the Lagrange simplices; an element is data plus its shape functions."""
+"""Table of the elements of a mesh."""
 
-from .simplex import T3, T4, T6, T10, Element
+from .element import Element
+from .simplex import T3, T4, T6, T10
 
 ELEMENTS = {element.name: element for element in (T3, T6, T4, T10)}
 

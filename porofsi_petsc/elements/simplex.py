@@ -6,9 +6,13 @@ the vertices in the order of `edges`.  With barycentric coordinates L_a the shap
 (Zienkiewicz & Taylor, The Finite Element Method, vol. 1, ch. 8).
 """
 
-from dataclasses import dataclass
+from itertools import combinations
+from math import factorial
 
 import numpy as np
+
+from .element import Cell, Element, moments
+from .quadrature import quadrature, subdivided
 
 EDGES = {
     1: ((0, 1),),
@@ -17,89 +21,139 @@ EDGES = {
 }
 
 
-@dataclass(frozen=True)
-class Element:
-    """A Lagrange simplex.
+class Simplex(Cell):
+    """The simplex of the origin and the unit vectors."""
 
-    facets : local nodes of every facet, ordered so that a facet is an element of one dimension less
-    (outward orientation).
-    """
-
-    name: str
-    dim: int
-    order: int
-    meshio_name: str
-    facet_meshio_name: str
-    facets: tuple
+    @property
+    def vertices(self):
+        """Return the coordinates of the vertices, (dim + 1, dim)."""
+        return np.vstack([np.zeros(self.dim), np.eye(self.dim)])
 
     @property
     def edges(self):
-        """Return the vertex pairs that carry the mid-edge nodes of an element of order 2."""
+        """Return the pairs of vertices of the edges."""
         return EDGES[self.dim]
 
     @property
-    def nodes(self):
-        """Return the number of nodes."""
-        return self.dim + 1 + (len(self.edges) if self.order == 2 else 0)
+    def facet_vertices(self):
+        """Return dim."""
+        return self.dim
 
     @property
-    def node_coordinates(self):
-        """Return the reference coordinates of the nodes, (A, dim)."""
-        vertices = np.vstack([np.zeros(self.dim), np.eye(self.dim)])
-        if self.order == 1:
-            return vertices
-        return np.vstack([vertices, [(vertices[a] + vertices[b]) / 2 for a, b in self.edges]])
+    def count_in_cube(self):
+        """Return dim!."""
+        return factorial(self.dim)
+
+    @property
+    def simplices(self):
+        """Return all vertices as one simplex."""
+        return np.arange(self.dim + 1)[None]
+
+    @property
+    def parts(self):
+        """Return the simplices of all sets of vertices; see `Cell`."""
+        sets = [c for k in range(self.dim + 1) for c in combinations(self.vertices, k + 1)]
+        return [(Simplex(len(c) - 1), c[0], np.reshape(c[1:], (-1, self.dim)) - c[0]) for c in sets]
+
+    @property
+    def centroid(self):
+        """Return the point of equal barycentric coordinates, (1, dim)."""
+        return np.full((1, self.dim), 1 / (self.dim + 1))
+
+    def vertex_functions(self, xi):
+        """Return the barycentric coordinates of points xi, (Q, dim), (Q, dim + 1)."""
+        xi = np.asarray(xi, dtype=float)
+        return np.hstack([1 - xi.sum(axis=1, keepdims=True), xi])
+
+    @property
+    def vertex_gradient(self):
+        """Return the derivatives of the barycentric coordinates, (dim + 1, dim)."""
+        return np.vstack([-np.ones(self.dim), np.eye(self.dim)])
+
+    def contains(self, xi, tolerance):
+        """Return which points are in the simplex."""
+        return (xi >= -tolerance).all(axis=1) & (xi.sum(axis=1) <= 1 + tolerance)
+
+    def quadrature(self, degree):
+        """Return points and weights that integrate polynomials of the degree exactly."""
+        return quadrature(self.dim, degree)
+
+    def subdivided(self, degree, n):
+        """Return points and weights on the parts of a line or triangle."""
+        return subdivided(self.dim, degree, n)
+
+    def shape_tensors(self, vertices):
+        """Return the second moments of the vertices, which are A Aᵀ times a number."""
+        return moments(vertices)[:, None]
+
+
+class LagrangeSimplex(Element):
+    """A triangle or tetrahedron, or a line as a facet."""
+
+    @property
+    def supports(self):
+        """Return the ends of the edges that have a node in their middle."""
+        return self.cell.edges if self.order == 2 else ()
+
+    @property
+    def is_affine(self):
+        """Return whether the shape functions are the barycentric coordinates."""
+        return self.order == 1
+
+    @property
+    def gradient_degree(self):
+        """Return the degree of the gradients."""
+        return self.order - 1
+
+    @property
+    def trace_constant(self):
+        """Return (k + 1)(k + d)/d (Warburton & Hesthaven, CMAME 192 (2003) 2765)."""
+        return (self.order + 1) * (self.order + self.dim) / self.dim
 
     def shape(self, xi):
         """Return N, (Q, A), at the reference points xi, (Q, dim)."""
-        L = barycentric(xi)
+        L = self.cell.vertex_functions(xi)
         if self.order == 1:
             return L
-        return np.hstack([L * (2 * L - 1)] + [4 * L[:, [a]] * L[:, [b]] for a, b in self.edges])
+        edges = [4 * L[:, [a]] * L[:, [b]] for a, b in self.cell.edges]
+        return np.hstack([L * (2 * L - 1), *edges])
 
     def gradient(self, xi):
         """Return dN/dxi, (Q, A, dim), at the reference points xi, (Q, dim)."""
-        L = barycentric(xi)
-        dL = barycentric_gradient(self.dim)
+        L = self.cell.vertex_functions(xi)
+        dL = self.cell.vertex_gradient
         if self.order == 1:
             return np.broadcast_to(dL, (len(L), *dL.shape)).copy()
         vertex = (4 * L[:, :, None] - 1) * dL
-        edge = [4 * (L[:, a, None] * dL[b] + L[:, b, None] * dL[a]) for a, b in self.edges]
+        edge = [4 * (L[:, a, None] * dL[b] + L[:, b, None] * dL[a]) for a, b in self.cell.edges]
         return np.concatenate([vertex, np.stack(edge, axis=1)], axis=1)
 
-    def hessian(self):
-        """Return d2N/dxi2, (A, dim, dim), constant over the element."""
-        dL = barycentric_gradient(self.dim)
+    def hessian(self, xi):
+        """Return d²N/dxi², (1, A, dim, dim), constant over the element."""
+        dL = self.cell.vertex_gradient
         if self.order == 1:
-            return np.zeros((self.nodes, self.dim, self.dim))
+            return np.zeros((1, self.nodes, self.dim, self.dim))
         vertex = [4 * np.outer(g, g) for g in dL]
-        edge = [4 * (np.outer(dL[a], dL[b]) + np.outer(dL[b], dL[a])) for a, b in self.edges]
-        return np.array(vertex + edge)
+        edge = [4 * (np.outer(dL[a], dL[b]) + np.outer(dL[b], dL[a])) for a, b in self.cell.edges]
+        return np.array(vertex + edge)[None]
 
 
-def barycentric(xi):
-    """Return L, (Q, dim + 1), at the reference points xi, (Q, dim)."""
-    xi = np.asarray(xi, dtype=float)
-    return np.hstack([1 - xi.sum(axis=1, keepdims=True), xi])
+LINE = Simplex(1)
+TRIANGLE = Simplex(2)
+TETRAHEDRON = Simplex(3)
 
-
-def barycentric_gradient(dim):
-    """Return dL/dxi, (dim + 1, dim)."""
-    return np.vstack([-np.ones(dim), np.eye(dim)])
-
-
-T3 = Element("T3", 2, 1, "triangle", "line", ((0, 1), (1, 2), (2, 0)))
-T6 = Element("T6", 2, 2, "triangle6", "line3", ((0, 1, 3), (1, 2, 4), (2, 0, 5)))
-T4 = Element("T4", 3, 1, "tetra", "triangle", ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)))
-T10 = Element(
+L2 = LagrangeSimplex("L2", LINE, 1, "line", ((0,), (1,)), None)
+L3 = LagrangeSimplex("L3", LINE, 2, "line3", ((0,), (1,)), None)
+T3 = LagrangeSimplex("T3", TRIANGLE, 1, "triangle", ((0, 1), (1, 2), (2, 0)), L2)
+T6 = LagrangeSimplex("T6", TRIANGLE, 2, "triangle6", ((0, 1, 3), (1, 2, 4), (2, 0, 5)), L3)
+T4 = LagrangeSimplex(
+    "T4", TETRAHEDRON, 1, "tetra", ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)), T3
+)
+T10 = LagrangeSimplex(
     "T10",
-    3,
+    TETRAHEDRON,
     2,
     "tetra10",
-    "triangle6",
     ((0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 3, 2, 7, 9, 6)),
+    T6,
 )
-L2 = Element("L2", 1, 1, "line", "vertex", ((0,), (1,)))
-L3 = Element("L3", 1, 2, "line3", "vertex", ((0,), (1,)))
-
-FACET = {"T3": L2, "T6": L3, "T4": T3, "T10": T6}

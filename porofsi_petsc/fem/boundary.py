@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..elements.quadrature import quadrature
-from ..elements.simplex import FACET, barycentric
 from ..kernels.surface import (
     backflow_residual,
     backflow_tangent,
@@ -29,7 +27,7 @@ class SurfaceLoad:
         """Prepare the facets; expressions : dict component -> expression(t, x), units of the load
         per reference area.
         """
-        facet = FACET[mesh.element.name]
+        facet = mesh.element.facet
         self._rule = Rule.of(facet, 2 * mesh.element.order + 1)
         self.nodes = mesh.facets[tag].nodes
         coordinates = mesh.X[self.nodes]
@@ -74,7 +72,7 @@ class OpenBoundary:
             mesh.cell_region[cells], None
         ]
         self._rule = Rule.of(
-            FACET[mesh.element.name], 3 * mesh.element.order
+            mesh.element.facet, 3 * mesh.element.order
         )  # exact on flat facets while all of one flows in
         self._mesh = mesh
 
@@ -123,8 +121,8 @@ class OpenBoundary:
         return [field[self.nodes[here]] for field in fields]
 
 
-# Penalty of Nitsche's method over the bound of the trace inequality, w² <= (k + 1)(k + d)/d A/V ∫w²
-# on a simplex of order k (Warburton & Hesthaven 2003).  The exact one is n·M⁻¹n of the mass behind
+# Penalty of Nitsche's method over the bound of the trace inequality, `Element.trace_constant`: on a
+# simplex of order k (k + 1)(k + d)/d A/V.  The exact one is n·M⁻¹n of the mass behind
 # the surface, 2√3/h on a chain of linear elements (bound 4/h), more at corners.  Measured on a
 # closed block, both orders, k_f = 1e-2 and 1e-5: at most 27 … 100 Aitken sweeps with 0.6, 51 with
 # 0.87, 16 with 1.1, 15 with 1.2, 16 with 1.4.
@@ -139,14 +137,12 @@ def weak_zero_on(domain, tags):
     """
     mesh = domain.mesh
     element = domain.element
-    k = element.order
-    d = element.dim
     facets = [mesh.facets[tag] for tag in tags]
     cells = np.concatenate([f.cells for f in facets] or [np.zeros(0, dtype=int)])
     local = np.concatenate([f.local for f in facets] or [np.zeros(0, dtype=int)])
     rows = domain.row_of_cell[cells]
     terms = np.empty((len(cells), element.nodes, element.nodes))
-    bound = PENALTY * (k + 1) * (k + d) / d
+    bound = PENALTY * element.trace_constant
     for number, nodes in enumerate(element.facets):
         here = local == number
         N, G, normal = trace(domain.element, nodes, domain.mesh.X[domain.cells[rows[here]]])
@@ -163,9 +159,10 @@ def trace(element, nodes, coordinates):
 
     coordinates : (F, A, d) of the nodes of the elements
     """
-    facet = FACET[element.name]
-    points, weights = quadrature(facet.dim, 2 * element.order)
-    xi = barycentric(points) @ element.node_coordinates[list(nodes[: element.dim])]
+    facet = element.facet
+    points, weights = facet.cell.quadrature(2 * element.order)
+    corners = list(nodes[: element.cell.facet_vertices])
+    xi = facet.cell.vertex_functions(points) @ element.node_coordinates[corners]
     dN = element.gradient(xi)
     jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ dN
     normal = facet_normal(facet.gradient(points), weights, coordinates[:, list(nodes)])
@@ -228,7 +225,7 @@ class InterfacePressure:
         rows, local = interface_facets(domain, other, tags)
         self._nodes = domain.cells[rows[:, None], np.array(element.facets)[local]]
         self._rule = Rule.of(
-            FACET[element.name], 3 * element.order
+            element.facet, 3 * element.order
         )  # exact: N_a p times the normal of a flat facet
         self._reference = self._normals(np.zeros((domain.n_local, domain.dim)))
 
@@ -258,8 +255,8 @@ def interface_facets(domain, other, tags=()):
     tags : of more facets of the domain, where the other one has nodes of its own
     """
     element = domain.element
-    facets = cell_facets(domain.cells, element)
-    rows, local = np.nonzero((domain.holds & other.holds)[facets[:, :, : element.dim]].all(axis=2))
+    facets = domain.cells[:, element.facet_corners]
+    rows, local = np.nonzero((domain.holds & other.holds)[facets].all(axis=2))
     shared = (
         locate_facets(facets[rows, local], other.cells, element)[0] >= 0
         if len(other.cells)
@@ -278,11 +275,10 @@ def open_facets(domain, held):
     nodes hold its normal
     """
     element = domain.element
-    facet = FACET[domain.element.name]
+    facet = domain.element.facet
     rows, local = boundary_facets(domain.cells, element)
     nodes = cell_facets(domain.cells[rows], element)[np.arange(len(rows)), local]
-    centroid = np.full((1, element.dim - 1), 1 / element.dim)
-    normal = facet_normal(facet.gradient(centroid), np.ones(1), domain.mesh.X[nodes])
+    normal = facet_normal(facet.gradient(facet.cell.centroid), np.ones(1), domain.mesh.X[nodes])
     held2 = (held[nodes] * normal**2).sum(axis=2)
     is_open = (held2 <= 0.5 * (normal**2).sum(axis=2)).any(axis=1)
     return rows[is_open], local[is_open]
@@ -295,7 +291,7 @@ def facet_masses(domain, rows, local):
     rows, local : (F,) their elements and local numbers
     """
     element = domain.element
-    facet = FACET[domain.element.name]
+    facet = domain.element.facet
     rule = Rule.of(facet, 2 * element.order)
     terms = np.zeros((len(rows), element.nodes, element.nodes))
     areas = np.zeros(len(rows))
@@ -310,7 +306,7 @@ def facet_masses(domain, rows, local):
 
 def facet_areas(element, coordinates):
     """Return the areas of facets with nodes at coordinates (F, Af, d), (F,) [m^(d-1)]."""
-    rule = Rule.of(FACET[element.name], 2 * element.order)
+    rule = Rule.of(element.facet, 2 * element.order)
     return np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1).sum(axis=1)
 
 
@@ -337,7 +333,6 @@ def facet_normals(mesh, nodes):
     """Return the outward unit normals of facets, nodes (F, Af), at their centroid, (F, d),
     reference configuration.
     """
-    facet = FACET[mesh.element.name]
-    centroid = np.full((1, mesh.dim - 1), 1 / mesh.dim)
-    normal = facet_normal(facet.gradient(centroid), np.ones(1), mesh.X[nodes])[:, 0]
+    facet = mesh.element.facet
+    normal = facet_normal(facet.gradient(facet.cell.centroid), np.ones(1), mesh.X[nodes])[:, 0]
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)

@@ -9,7 +9,6 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
-from ..elements.simplex import FACET
 from ..errors import IncompatibleData
 from ..kernels.surface import facet_normal
 from .domain import Domain
@@ -135,7 +134,7 @@ class _BoundaryData:
         """Prepare the quadrature on the facets of every tag; see `ClosedPart`."""
         self._mesh = mesh
         self._velocity = velocity
-        self._rule = Rule.of(FACET[mesh.element.name], 2 * mesh.element.order + 3)
+        self._rule = Rule.of(mesh.element.facet, 2 * mesh.element.order + 3)
         expressions = defaultdict(dict)
         for tag, component, expression, *_ in entries:
             expressions[tag][component] = expression

@@ -1,15 +1,12 @@
 """The closest points of a surface of facets to given points: which facet, where on it, how far."""
 
-from itertools import combinations
-
 import numpy as np
 
-from ..elements.simplex import FACET
 from ..tensors import inverse
 
 ROUND_OFF = 1e-12  # of reference coordinates
-# Sum of |N_a| on a facet of an order, at most: how far over its farthest node a curved facet may
-# reach from its centroid.
+# Sum of |N_a| on a facet of an order, at most (on a quadrilateral of order 2 25/16): how far over
+# its farthest node a curved facet may reach from its centroid.
 REACH = {1: 1.0, 2: 5 / 3}
 # Of Gauss and Newton to a curved facet: each contracts by curvature times distance, on two sides of
 # an interface by 0.1 or less.
@@ -25,7 +22,7 @@ def closest_points(cell_element, X, points):
     cell_element : of the cells behind; X (F, Af, d) nodes of the facets [m]; points (N, d) [m].  Of
     several facets the first.
     """
-    element = FACET[cell_element.name]
+    element = cell_element.facet
     found = []
     for start in range(0, max(len(points), 1), CHUNK):
         some = points[start : start + CHUNK]
@@ -67,30 +64,26 @@ def _closest_on_facets(element, X, x):
 
     It is a stationary point of the distance on the facet, on one of its edges, or a vertex.
     """
-    vertices = element.node_coordinates[: element.dim + 1]
     best = np.zeros((len(x), element.dim))
     least = np.full(len(x), np.inf)
-    for size in range(1, len(vertices) + 1):
-        for corners in combinations(vertices, size):
-            xi, inside = _stationary(element, X, x, np.array(corners))
-            distance = np.linalg.norm(x - _at(element.shape(xi), X), axis=1)
-            closer = inside & (distance < least)
-            best[closer] = xi[closer]
-            least[closer] = distance[closer]
+    for part in element.cell.parts:
+        xi, inside = _stationary(element, X, x, *part)
+        distance = np.linalg.norm(x - _at(element.shape(xi), X), axis=1)
+        closer = inside & (distance < least)
+        best[closer] = xi[closer]
+        least[closer] = distance[closer]
     return best, least
 
 
-def _stationary(element, X, x, corners):
-    """Return where on the part with some corners (k + 1, dim) the distance is stationary, (P, dim),
-    and whether inside, (P,).
+def _stationary(element, X, x, part, origin, directions):
+    """Return where on a part of the facet's cell, see `Cell.parts`, the distance is stationary, (P,
+    dim), and whether inside, (P,).
     """
-    directions = corners[1:] - corners[0]
-    k = len(corners) - 1
-    s = np.full((len(x), k), 1 / (k + 1))
-    steps = 0 if k == 0 else 1 if element.order == 1 else STEPS
+    s = np.tile(part.centroid, (len(x), 1))
+    steps = 0 if part.dim == 0 else 1 if element.is_affine else STEPS
     with np.errstate(all="ignore"):
         for _ in range(steps):
-            xi = corners[0] + s @ directions
+            xi = origin + s @ directions
             slope = np.swapaxes(X, 1, 2) @ (element.gradient(xi) @ directions.T)
             gap = x - _at(element.shape(xi), X)
             pull = (np.swapaxes(slope, 1, 2) @ gap[..., None])[..., 0]
@@ -98,8 +91,7 @@ def _stationary(element, X, x, corners):
             s = (s + _solve(np.swapaxes(slope, 1, 2) @ slope, pull)).clip(-OUTER, OUTER)
             if np.abs(s - before).max(initial=0.0) <= ROUND_OFF:
                 break
-    inside = (s >= -ROUND_OFF).all(axis=1) & (s.sum(axis=1) <= 1 + ROUND_OFF)
-    return corners[0] + s @ directions, inside
+    return origin + s @ directions, part.contains(s, ROUND_OFF)
 
 
 def _at(N, X):

@@ -24,7 +24,8 @@ class Domain:
     quadrature rules.
 
     stiffness : rule exact for products of gradients; mass : exact for products of shape functions
-    (straight-sided elements). Where an element is curved the mass rule serves both: the volume
+    (straight-sided elements). Tensor products have the mass rule for both, their gradients are of
+    the same degree. Where an element is curved the mass rule serves both, too: the volume
     change at fewer points is another one than that which the pressure sees, and at ν = 0.4999 the
     skeleton would answer a pressure six times as much as λ allows. nodes (n_active,) : the owned
     nodes that its elements touch; holds (n_local,) bool : the same with ghosts; first, numbering
@@ -53,19 +54,28 @@ class Domain:
         spans = [slice(*np.searchsorted(region, (number, number + 1))) for number in numbers]
         self.region_slices = dict(zip(self.regions, spans, strict=True))
         self._number_nodes()
-        order = self.element.order
-        self.mass = Rule.of(self.element, 2 * order)
-        self.is_curved = order == 2 and self._has_curved_edge()
+        self.mass = Rule.of(self.element, 2 * self.element.order)
         self.stiffness = (
-            self.mass if self.is_curved else Rule.of(self.element, max(2 * (order - 1), 1))
+            Rule.of(self.element, max(2 * self.element.gradient_degree, 1))
+            if self._is_straight()
+            else self.mass
         )
+
+    def _is_straight(self):
+        """Return whether the gradients have a lower degree than the shape functions: on simplices
+        with the mid-edge nodes of all ranks' elements in the middle of their edges (collective).
+        """
+        if self.element.gradient_degree == self.element.order:
+            return False
+        return self.element.is_affine or not self._has_curved_edge()
 
     def _has_curved_edge(self):
         """Return whether a mid-edge node of any rank's elements is off the middle of its edge
         (collective).
         """
-        points, (a, b) = self.mesh.X[self.cells], np.array(self.element.edges).T
-        off = points[:, self.dim + 1 :] - (points[:, a] + points[:, b]) / 2
+        points, (a, b) = self.mesh.X[self.cells], np.array(self.element.cell.edges).T
+        middle = points[:, self.element.n_vertices :][:, : len(a)]
+        off = middle - (points[:, a] + points[:, b]) / 2
         lengths = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
         return self.mesh.comm.allreduce(
             bool((np.linalg.norm(off, axis=-1) > STRAIGHT * lengths).any()), MPI.LOR
@@ -133,18 +143,20 @@ class Domain:
         """Return the stiffness-rule geometry of the reference configuration; affine elements have
         one gradient for both rules.
         """
-        if self.element.order == 1:
+        if self.element.is_affine:
             volume = self.reference.dV.sum(axis=1, keepdims=True) / self.mass.weights.sum()
             return Geometry(self.reference.G, volume * self.stiffness.weights)
         return (
-            self.reference if self.is_curved else geometry(self.stiffness, self.mesh.X[self.cells])
+            self.reference
+            if self.stiffness is self.mass
+            else geometry(self.stiffness, self.mesh.X[self.cells])
         )
 
     @cached_property
     def reference_slope(self):
         """Return the `SecondDerivatives.volume_slope` of the reference configuration, (E, Q, d)."""
         return SecondDerivatives.at(
-            self.element, self.mesh.X[self.cells], self.reference, None
+            self.mass, self.mesh.X[self.cells], self.reference, None
         ).volume_slope
 
     @cached_property
@@ -220,10 +232,10 @@ class Configuration:
     def reference(cls, domain, with_hessian=False):
         """Return the reference configuration, which shares the geometry of the domain."""
         second = None
-        if with_hessian and domain.element.order > 1:
+        if with_hessian and not domain.element.is_affine:
             coordinates = domain.gather(domain.mesh.X)
             second = SecondDerivatives.at(
-                domain.element, coordinates, domain.reference, domain.reference_slope
+                domain.mass, coordinates, domain.reference, domain.reference_slope
             )
         return cls(domain.reference, np.broadcast_to(1.0, domain.reference.dV.shape), second)
 
@@ -237,8 +249,6 @@ class Configuration:
         current = geometry(domain.mass, coordinates)
         domain.require(current.dV > 0, inverted)
         second = None
-        if with_hessian and domain.element.order > 1:
-            second = SecondDerivatives.at(
-                domain.element, coordinates, current, domain.reference_slope
-            )
+        if with_hessian and not domain.element.is_affine:
+            second = SecondDerivatives.at(domain.mass, coordinates, current, domain.reference_slope)
         return cls(current, current.dV / domain.reference.dV, second)

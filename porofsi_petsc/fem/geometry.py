@@ -7,18 +7,20 @@ import numpy as np
 
 from ..compiled import plain, specialized, stack
 from ..elements import Element
-from ..elements.quadrature import quadrature
+from ..elements.element import moments
 from ..tensors import invert
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A quadrature rule with the shape functions of one element at its points.
+    """A quadrature rule with the shape functions of one element at its points (Q, d).
 
-    N (Q, A), dN (Q', A, d) on the reference simplex, weights (Q,).  Q' = 1 for affine elements,
-    whose gradients are constant.
+    N (Q, A), dN (Q', A, d) on the reference cell, weights (Q,).  Q' = 1 for affine elements, whose
+    gradients are constant.
     """
 
+    element: Element
+    points: np.ndarray
     N: np.ndarray
     dN: np.ndarray
     weights: np.ndarray
@@ -26,9 +28,20 @@ class Rule:
     @classmethod
     def of(cls, element, degree):
         """Return the rule of the degree on the element."""
-        points, weights = quadrature(element.dim, degree)
-        gradient_points = points[:1] if element.order == 1 else points
-        return cls(element.shape(points), element.gradient(gradient_points), weights)
+        return cls.at(element, *element.cell.quadrature(degree))
+
+    @classmethod
+    def at(cls, element, points, weights):
+        """Return the rule with points (Q, d) and weights (Q,)."""
+        gradient_points = points[:1] if element.is_affine else points
+        return cls(
+            element, points, element.shape(points), element.gradient(gradient_points), weights
+        )
+
+    @cached_property
+    def hessian(self):
+        """Return d²N/dxi², (Q', A, d, d), at the points; Q' = 1 where it is constant."""
+        return self.element.hessian(self.points)
 
 
 @dataclass(frozen=True)
@@ -87,53 +100,50 @@ def _geometry_loop(A, d):
 
 @dataclass(frozen=True)
 class SecondDerivatives:
-    """Second derivatives by x on quadratic elements in one configuration, curved ones included:
+    """Second derivatives by x on elements that are not affine, in one configuration:
 
         d²U/dx_i dx_j = (d²U/dxi_m dxi_n - dU/dx_k d²x_k/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j
 
-    G (E, Q, A, d) [1/m]; bend (E, d, d²) = d²x_k/dxi_m dxi_n [m]; reference_slope (E, Q, d), the
-    `volume_slope` of the reference configuration.
+    G (E, Q, A, d) [1/m]; bend (E, Q', d, d²) = d²x_k/dxi_m dxi_n [m], Q' = 1 where it is constant;
+    reference_slope (E, Q, d), the `volume_slope` of the reference configuration.
     """
 
-    element: Element
+    rule: Rule
     G: np.ndarray
     bend: np.ndarray
     reference_slope: np.ndarray | None
 
     @classmethod
-    def at(cls, element, coordinates, geometry_of_elements, reference_slope):
-        """Return those of elements with nodal coordinates (E, A, d); without a reference slope
-        there is no `volume_gradient`.
+    def at(cls, rule, coordinates, geometry_of_elements, reference_slope):
+        """Return those at the points of a rule, of elements with nodal coordinates (E, A, d);
+        without a reference slope there is no `volume_gradient`.
         """
-        return cls(
-            element, geometry_of_elements.G, _by_reference(element, coordinates), reference_slope
-        )
+        return cls(rule, geometry_of_elements.G, _by_reference(rule, coordinates), reference_slope)
 
     def part(self, chunk):
         """Return those of a slice of the elements."""
         return SecondDerivatives(
-            self.element, self.G[chunk], self.bend[chunk], self.reference_slope[chunk]
+            self.rule, self.G[chunk], self.bend[chunk], self.reference_slope[chunk]
         )
 
     @cached_property
     def shapes(self):
         """Return d²N_a/dx_i dx_j, (E, Q, A, d, d) [1/m²]."""
-        hessian = self.element.hessian()
-        return self._to_space(hessian.reshape(len(hessian), -1), self.G)
+        return self._to_space(_flat(self.rule.hessian), self.G)
 
     def field(self, U, gradient):
         """Return d²U_k/dx_i dx_j, (E, Q, k, d, d), of nodal values U (E, A, k) with dU_k/dx_j (E,
         Q, k, d).
         """
-        return self._to_space(_by_reference(self.element, U)[:, None], gradient)
+        return self._to_space(_by_reference(self.rule, U), gradient)
 
     def viscous(self, U, gradient):
         """Return ΔU + ∇ div U, (E, Q, d), of nodal values U (E, A, d) with dU_k/dx_j (E, Q, d, d):
         `field` contracted early.
         """
         pull = self._pull
-        d = self.element.dim
-        second = _by_reference(self.element, U)[:, None] - self._bent(gradient)
+        d = self.rule.element.dim
+        second = _by_reference(self.rule, U) - self._bent(gradient)
         metric = (pull @ np.swapaxes(pull, 2, 3)).reshape(*pull.shape[:2], d * d, 1)
         mixed = np.einsum("eqlmn,eqnl->eqm", second.reshape(*pull.shape[:2], d, d, d), pull)
         return (second @ metric + np.swapaxes(pull, 2, 3) @ mixed[..., None])[..., 0]
@@ -142,7 +152,7 @@ class SecondDerivatives:
         """Return second derivatives by x, (E, Q, k, d, d), from those by xi, (..., k, d²), and
         first ones by x, (E, Q, k, d).
         """
-        d = self.element.dim
+        d = self.rule.element.dim
         pairs = np.einsum("eqmi,eqnj->eqmnij", self._pull, self._pull).reshape(
             *self.G.shape[:2], d * d, d * d
         )
@@ -150,22 +160,25 @@ class SecondDerivatives:
 
     def _bent(self, gradient):
         """Return dU_k/dx_l d²x_l/dxi_m dxi_n, (E, Q, k, d²), of dU_k/dx_l (E, Q, k, d): one product
-        for each element.
+        for each element where the latter is constant.
         """
+        if self.bend.shape[1] > 1:
+            return gradient @ self.bend
         E, Q, k, d = gradient.shape
-        return (gradient.reshape(E, Q * k, d) @ self.bend).reshape(E, Q, k, d * d)
+        return (gradient.reshape(E, Q * k, d) @ self.bend[:, 0]).reshape(E, Q, k, d * d)
 
     @cached_property
     def _pull(self):
         """Return dxi/dx, (E, Q, d, d) [1/m]: the map represents xi by its values at the nodes."""
-        return self.element.node_coordinates.T @ self.G
+        return self.rule.element.node_coordinates.T @ self.G
 
     @property
     def volume_slope(self):
         """Return d ln|dx/dxi| / dxi_m = dxi_n/dx_k d²x_k/dxi_n dxi_m, (E, Q, d)."""
         E, Q, _, d = self.G.shape
-        bend = np.swapaxes(self.bend.reshape(E, d, d, d), 1, 2)
-        return self._pull.reshape(E, Q, d * d) @ bend.reshape(E, d * d, d)
+        bend = np.swapaxes(self.bend.reshape(E, -1, d, d, d), 2, 3).reshape(E, -1, d * d, d)
+        pull = self._pull.reshape(E, Q, d * d)
+        return pull @ bend[:, 0] if bend.shape[1] == 1 else (pull[:, :, None] @ bend)[:, :, 0]
 
     @property
     def volume_gradient(self):
@@ -173,21 +186,24 @@ class SecondDerivatives:
         return np.einsum("eqmi,eqm->eqi", self._pull, self.volume_slope - self.reference_slope)
 
 
-def _by_reference(element, U):
-    """Return d²U_k/dxi_m dxi_n, (E, k, d²), of nodal values (E, A, k)."""
-    hessian = element.hessian()
-    return np.swapaxes(U, 1, 2) @ hessian.reshape(len(hessian), -1)
+def _by_reference(rule, U):
+    """Return d²U_k/dxi_m dxi_n, (E, Q', k, d²), of nodal values (E, A, k)."""
+    return np.swapaxes(U, 1, 2)[:, None] @ _flat(rule.hessian)
+
+
+def _flat(hessian):
+    """Return second derivatives (Q', A, d, d) as (Q', A, d²)."""
+    return hessian.reshape(*hessian.shape[:2], -1)
 
 
 def element_size(element, rule, geometry_of_elements):
-    """Return h = (d! V)^(1/d) / order, (E,) [m]: the leg of a right-angled simplex of the same
-    volume, per node spacing.
+    """Return h = (V/V_0)^(1/d) / order, (E,) [m], V_0 the volume of the reference cell: the leg of
+    a right-angled simplex, or the edge of a cube, of the same volume, per node spacing.
     """
-    factorial = {2: 2.0, 3: 6.0}[element.dim]
     volume = np.broadcast_to(
         geometry_of_elements.dV, (len(geometry_of_elements.dV), len(rule.weights))
     ).sum(axis=1)
-    return (factorial * volume) ** (1 / element.dim) / element.order
+    return (element.cell.count_in_cube * volume) ** (1 / element.dim) / element.order
 
 
 def element_size_tensor(vertices, h):
@@ -195,25 +211,21 @@ def element_size_tensor(vertices, h):
     [m²].
 
     An element that is stretched has one length along and another one across; a regular one has h²
-    times the identity. vertices (E, d + 1, d); h (E,) of `element_size`
+    times the identity.  On parallelograms it is the inverse of the metric tensor of the map from
+    the reference cell (Bazilevs et al., CMAME 197 (2007) 173), up to its determinant.
+    vertices (E, V, d); h (E,) of `element_size`
     """
-    moments = _moments(vertices)
-    return moments * (h**2 / np.linalg.det(moments) ** (1 / vertices.shape[-1]))[:, None, None]
+    M = moments(vertices)
+    return M * (h**2 / np.linalg.det(M) ** (1 / vertices.shape[-1]))[:, None, None]
 
 
-def shape_quality(vertices):
-    """Return d det(M)^(1/d) / tr M of simplices, M the second moments of their vertices (E, d + 1,
-    d), (E,).
+def shape_quality(cell, vertices):
+    """Return the least d det(M)^(1/d) / tr M of the `Cell.shape_tensors` M of elements, (E,).
 
-    The mean ratio d det(A)^(2/d) / A:A of the map A of a regular simplex (Knupp, SIAM J. Sci.
-    Comput. 23 (2001) 193): 1 for a regular one, 0 for a flat one, whatever its size.
+    The mean ratio d det(A)^(2/d) / A:A of the map A of an equilateral cell (Knupp, SIAM J. Sci.
+    Comput. 23 (2001) 193): 1 for an equilateral one, 0 for a flat one, whatever its size.
+    vertices (E, V, d)
     """
-    moments = _moments(vertices)
+    M = cell.shape_tensors(vertices)
     d = vertices.shape[-1]
-    return d * np.linalg.det(moments) ** (1 / d) / np.trace(moments, axis1=1, axis2=2)
-
-
-def _moments(vertices):
-    """Return the second moments of the vertices (E, d + 1, d) about their mean, (E, d, d) [m²]."""
-    arms = vertices - vertices.mean(axis=1, keepdims=True)
-    return np.swapaxes(arms, 1, 2) @ arms
+    return (d * np.linalg.det(M) ** (1 / d) / np.trace(M, axis1=2, axis2=3)).min(axis=1)

@@ -7,8 +7,6 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from ..elements.quadrature import subdivided
-from ..elements.simplex import FACET
 from ..kernels.surface import facet_normal
 from ..mesh.topology import cell_facets, group_rows
 from .closest import closest_points, facet_sizes
@@ -41,7 +39,7 @@ class SurfaceProjection:
         """
         self._element, (target, source), (X_target, X_source) = cell_element, facets, X
         self._shape = target.max() + 1, source.max() + 1
-        face, self._rim = _faces(target, X_target, FACET[cell_element.name])
+        face, self._rim = _faces(target, X_target, cell_element.facet)
         self._inner = np.setdiff1d(np.arange(self._shape[0]), self._rim)
         points = np.empty((self._shape[0], cell_element.dim))
         points[target] = X_target
@@ -58,7 +56,7 @@ class SurfaceProjection:
         `_tests`.
         """
         element, (target, source), (X_target, X_source), n = (
-            FACET[self._element.name],
+            self._element.facet,
             facets,
             X,
             self._shape[0],
@@ -67,8 +65,8 @@ class SurfaceProjection:
             FINER[element.dim] * facet_sizes(X_target).max() / facet_sizes(X_source).min()
             - ROUND_OFF
         )
-        points, weights = subdivided(
-            element.dim, 2 * element.order, min(refinement, FINEST[element.dim])
+        points, weights = element.cell.subdivided(
+            2 * element.order, min(refinement, FINEST[element.dim])
         )
         N = element.shape(points)
         dA = facet_normal(element.gradient(points), weights, X_target)
@@ -104,11 +102,11 @@ class SurfaceProjection:
 
 def _faces(facets, X, element):
     """Return the face of every facet, (F,), and the nodes on the rims of faces, ascending."""
-    middle = np.full((1, element.dim), 1 / (element.dim + 1))
-    normals = facet_normal(element.gradient(middle), np.ones(1), X)[:, 0]
+    normals = facet_normal(element.gradient(element.cell.centroid), np.ones(1), X)[:, 0]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     edges = cell_facets(facets, element)
-    group = group_rows(edges[:, :, : element.dim].reshape(-1, element.dim))
+    ends = element.cell.facet_vertices
+    group = group_rows(edges[:, :, :ends].reshape(-1, ends))
     owner = np.repeat(np.arange(len(facets)), edges.shape[1])
     order = np.argsort(group, kind="stable")
     same = group[order[1:]] == group[order[:-1]]

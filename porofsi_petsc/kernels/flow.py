@@ -9,7 +9,7 @@ v_s:
     n w_rel·n
 
 r = ρ (a + c·∇v) + n ∇p + S w_rel - ρ b - div(2 n μ sym ∇v) is the full strong residual, n the fluid
-fraction, ρ = n ρ_fR. On linear elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume
+fraction, ρ = n ρ_fR. On affine elements div(2 n μ sym ∇v) = 0.  LSIC is for constant n: its volume
 balance has no w_rel·∇n. The pressure term is not integrated by parts, so that an impermeable
 surface, fixed or moving (w_rel·n = 0), is natural; a drained one prescribes p (Tezduyar 1992 for
 PSPG and LSIC; the subgrid velocity is -τ r).  Terms are kept apart, see `kernels.solid`.
@@ -56,7 +56,7 @@ class FlowElements:
     N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N
     s/m⁴]; mu [Pa s]; tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0
     where n varies; tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg], None without the undrained term; second:
-    `fem.geometry.SecondDerivatives`, None on linear elements or where μ = 0; grad_n (E, Q, d) [1/m]
+    `fem.geometry.SecondDerivatives`, None on affine elements or where μ = 0; grad_n (E, Q, d) [1/m]
     of a varying n, where there is `second`, None where n is constant; free: a free fluid, whose n
     is 1; its S is None, or [N s/m⁴] of a skeleton that it flows through.
     """
@@ -155,7 +155,7 @@ def flow_tangent(el, f, c_f, components=None):
 
 
 def _arguments(el, f):
-    """Return the sizes (A, d), elements and fields for a compiled loop."""
+    """Return the sizes (A, d, affine), elements and fields for a compiled loop."""
     G = el.geometry.G
     dV = el.geometry.dV
     second = el.second
@@ -176,22 +176,23 @@ def _arguments(el, f):
         tau_supg=plain(el.tau_supg),
         nu_lsic=plain(el.nu_lsic),
         tau_u=plain(el.tau_u) if undrained else np.empty((0, 0, 0, 0)),
-        nodes=plain(second.element.node_coordinates) if curved else none,
-        hessian=plain(second.element.hessian()) if curved else np.empty((0, 0, 0)),
-        bend=plain(second.bend) if curved else np.empty((0, 0, 0)),
+        nodes=plain(second.rule.element.node_coordinates) if curved else none,
+        hessian=plain(second.rule.hessian) if curved else np.empty((0, 0, 0, 0)),
+        bend=plain(second.bend) if curved else np.empty((0, 0, 0, 0)),
         grad_n=plain(el.grad_n) if graded else np.empty((0, 0, 0)),
         convection=bool(el.convection),
         drag=drag,
         undrained=undrained,
         curved=curved,
         graded=graded,
+        fluctuation=el.order > 1,
         free=bool(el.free),
     )
     unread = np.empty((0, 0, 0))
     c = f.c if el.convection else unread
     v_s = f.v_s if drag or not el.free else unread
     fields = FlowFields(*map(plain, f._replace(c=c, v_s=v_s, dp=f.dp if undrained else none)))
-    return G.shape[2:], elements, fields
+    return (*G.shape[2:], G.shape[1] == 1), elements, fields
 
 
 def strong_gradient(el, x):

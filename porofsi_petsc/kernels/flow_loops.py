@@ -4,8 +4,8 @@ At a point the residuals of node a are N_a A_i + ∂_j N_a B_ij dV, row i < d of
 d of the volume balance.  The densities A, B and their derivatives by the nodal unknowns are those
 in the docstring of `flow`.
 
-A nodes, d dimensions, m unknowns per node in the matrix.  Gradients are constant over an element
-with A = d + 1 nodes.
+A nodes, d dimensions, m unknowns per node in the matrix; affine: gradients are constant over an
+element, and G has one point.
 """
 
 from typing import NamedTuple
@@ -20,8 +20,9 @@ class Elements(NamedTuple):
     """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says
     so.
 
-    nodes (A, d) on the reference simplex, hessian (A, d, d) and bend (E, d, d²) of
-    `fem.geometry.SecondDerivatives`
+    nodes (A, d) on the reference cell, hessian (Q', A, d, d) and bend (E, Q', d, d²) of
+    `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant; fluctuation: the mean gradient
+    is left out of the undrained term
     """
 
     N: np.ndarray
@@ -44,6 +45,7 @@ class Elements(NamedTuple):
     undrained: bool
     curved: bool
     graded: bool
+    fluctuation: bool
     free: bool
 
 
@@ -107,14 +109,14 @@ def new_point(A, d):
 
 
 @inlined
-def set_point(A, d, el, f, e, q, x):
+def set_point(A, d, affine, el, f, e, q, x):
     """Set the state at point q of element e: r = ρ (a + c·∇v) + n ∇p + S w - ρ b - div(2 n μ sym
     ∇v).
     """
-    if q == 0 or A > d + 1:
+    if q == 0 or not affine:
         for a in range(A):
             for j in range(d):
-                x.g[a, j] = el.G[e, q if A > d + 1 else 0, a, j]
+                x.g[a, j] = el.G[e, 0 if affine else q, a, j]
         _set_gradients(A, d, f.v, e, x.g, x.grad_v)
         if not el.free:
             _set_gradients(A, d, f.v_s, e, x.g, x.grad_vs)
@@ -187,15 +189,15 @@ def _set_pull(A, d, el, x):
 
 
 @inlined
-def _set_second_derivatives(d, U, gradient, k, el, e, x):
+def _set_second_derivatives(d, U, gradient, k, el, e, h, x):
     """Set d²U_k/dx_i dx_j = (d²U_k/dxi_m dxi_n - ∂_r U_k d²x_r/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j,
-    (d, d), of all U (K, d, d).
+    (d, d), of all U (K, d, d); h = q, or 0 where d²x/dxi² is constant.
     """
     for m in range(d):
         for n in range(d):
             bent = U[k, m, n]
             for r in range(d):
-                bent -= gradient[k, r] * el.bend[e, r, m * d + n]
+                bent -= gradient[k, r] * el.bend[e, h, r, m * d + n]
             x.bent[m, n] = bent
     for i in range(d):
         for j in range(i + 1):
@@ -207,14 +209,14 @@ def _set_second_derivatives(d, U, gradient, k, el, e, x):
 
 
 @inlined
-def _set_reference_hessian(A, d, el, f, e, x):
-    """Set d²v_i/dxi_m dxi_n, (d, d, d) [m/s], constant over the element."""
+def _set_reference_hessian(A, d, el, f, e, h, x):
+    """Set d²v_i/dxi_m dxi_n, (d, d, d) [m/s]."""
     for i in range(d):
         for m in range(d):
             for n in range(d):
                 total = 0.0
                 for a in range(A):
-                    total += el.hessian[a, m, n] * f.v[e, a, i]
+                    total += el.hessian[h, a, m, n] * f.v[e, a, i]
                 x.hessian_v[i, m, n] = total
 
 
@@ -224,10 +226,11 @@ def _subtract_viscous_force(A, d, el, f, e, q, x):
     [N/m³].
     """
     scale = el.mu * el.n[e, q]
-    if q == 0:
-        _set_reference_hessian(A, d, el, f, e, x)
+    h = min(q, len(el.hessian) - 1)
+    if q == h:
+        _set_reference_hessian(A, d, el, f, e, h, x)
     for i in range(d):
-        _set_second_derivatives(d, x.hessian_v, x.grad_v, i, el, e, x)
+        _set_second_derivatives(d, x.hessian_v, x.grad_v, i, el, e, h, x)
         for j in range(d):
             x.residual[i] -= scale * x.second[j, j]
             x.residual[j] -= scale * x.second[i, j]
@@ -238,14 +241,14 @@ def _subtract_viscous_force(A, d, el, f, e, q, x):
 
 
 @specialized
-def points_loop(A, d):
+def points_loop(A, d, affine):
     """Return the loop that writes the state at all points."""
 
     def loop(el, f, grad_v, grad_p, acceleration, c, w, residual):
         x = new_point(A, d)
         for e in range(len(el.dV)):
             for q in range(len(el.N)):
-                set_point(A, d, el, f, e, q, x)
+                set_point(A, d, affine, el, f, e, q, x)
                 for i in range(d):
                     grad_p[e, q, i] = x.grad_p[i]
                     acceleration[e, q, i] = x.acceleration[i]
@@ -259,7 +262,7 @@ def points_loop(A, d):
 
 
 @specialized
-def residual_loop(A, d):
+def residual_loop(A, d, affine):
     """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume
     balance one after the other.
     """
@@ -274,7 +277,7 @@ def residual_loop(A, d):
         for e in range(len(terms)):
             terms[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, el, f, e, q, x)
+                set_point(A, d, affine, el, f, e, q, x)
                 _set_balances(A, d, el, f, e, q, x, D)
                 if el.mu != 0.0:
                     _set_viscous_stress(d, el, e, q, x, D)
@@ -284,7 +287,7 @@ def residual_loop(A, d):
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
                 for q in range(len(el.N)):
-                    _add_undrained(A, d, el, f, e, q, x, terms)
+                    _add_undrained(A, d, affine, el, f, e, q, x, terms)
 
     return loop
 
@@ -343,11 +346,12 @@ def _set_stabilization(d, el, e, q, x, D):
 @inlined
 def _set_mean_gradient(A, d, el, e, x):
     """Set the mean over the element of the gradients, which the undrained-limit stabilization
-    leaves out on quadratic elements.
+    leaves out on elements of order 2; zero on those of order 1.
 
     A linear pressure is untouched by the fluctuation, and the order of convergence stays.
     """
-    if A == d + 1:
+    if not el.fluctuation:
+        x.mean[:] = 0.0
         return
     volume = 0.0
     for q in range(len(el.N)):
@@ -361,7 +365,7 @@ def _set_mean_gradient(A, d, el, e, x):
 
 
 @inlined
-def _add_undrained(A, d, el, f, e, q, x, terms):
+def _add_undrained(A, d, affine, el, f, e, q, x, terms):
     """Add ∫ c_v τ_u ∇q·∇(p - p_n) to the last term of the volume balance: compliance at grid scale
     times the pressure rate.
     """
@@ -371,17 +375,17 @@ def _add_undrained(A, d, el, f, e, q, x, terms):
             for j in range(d):
                 flux += (
                     el.tau_u[e, q, i, j]
-                    * (el.G[e, q if A > d + 1 else 0, a, j] - x.mean[a, j])
+                    * (el.G[e, 0 if affine else q, a, j] - x.mean[a, j])
                     * f.dp[e, a]
                 )
         for a in range(A):
             terms[e, a, 6 * d + 3] += (
-                el.dV[e, q] * (el.G[e, q if A > d + 1 else 0, a, i] - x.mean[a, i]) * flux
+                el.dV[e, q] * (el.G[e, 0 if affine else q, a, i] - x.mean[a, i]) * flux
             )
 
 
 @specialized
-def tangent_loop(A, d, m):
+def tangent_loop(A, d, affine, m):
     """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of
     the nodes.
     """
@@ -397,13 +401,13 @@ def tangent_loop(A, d, m):
         for e in range(len(K)):
             K[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, el, f, e, q, x)
+                set_point(A, d, affine, el, f, e, q, x)
                 _set_derivatives(A, d, el, e, q, c_f, x, D)
                 add_point(A, d, columns, el.N, q, x.g, flat, e, K)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
                 for q in range(len(el.N)):
-                    _add_undrained_tangent(A, d, m, el, e, q, x, K)
+                    _add_undrained_tangent(A, d, m, affine, el, e, q, x, K)
 
     return loop
 
@@ -481,7 +485,8 @@ def _set_strong(d, el, e, q, b, c_f, x):
 def _subtract_viscous_tangent(d, el, e, q, b, x):
     """Subtract the derivative of div(2 n μ sym ∇v)_i by v_bk."""
     scale = el.mu * el.n[e, q]
-    _set_second_derivatives(d, el.hessian, x.g, b, el, e, x)
+    h = min(q, len(el.hessian) - 1)
+    _set_second_derivatives(d, el.hessian[h], x.g, b, el, e, h, x)
     for i in range(d):
         for k in range(d):
             x.strong[i, k] -= scale * x.second[i, k]
@@ -492,15 +497,15 @@ def _subtract_viscous_tangent(d, el, e, q, b, x):
 
 
 @inlined
-def _add_undrained_tangent(A, d, m, el, e, q, x, K):
+def _add_undrained_tangent(A, d, m, affine, el, e, q, x, K):
     """Add ∫ c_v τ_u ∇N_a·∇N_b, of the fluctuating gradients on quadratic elements."""
     for a in range(A):
         for i in range(d):
             flux = 0.0
             for j in range(d):
-                flux += (el.G[e, q if A > d + 1 else 0, a, j] - x.mean[a, j]) * el.tau_u[e, q, j, i]
+                flux += (el.G[e, 0 if affine else q, a, j] - x.mean[a, j]) * el.tau_u[e, q, j, i]
             flux *= el.dV[e, q]
             for b in range(A):
                 K[e, a, (d * A + b) * m + d] += flux * (
-                    el.G[e, q if A > d + 1 else 0, b, i] - x.mean[b, i]
+                    el.G[e, 0 if affine else q, b, i] - x.mean[b, i]
                 )

@@ -180,14 +180,14 @@ def coupling_residual(N, geometry, material, J, p, w):
     n = plain(material.fluid_fraction(J))
     S = plain(material.drag(J))
     vectors = np.empty((len(w), A, 2 * d))
-    _coupling_loop(A, d)(
+    _coupling_loop(A, d, geometry.G.shape[1] == 1)(
         plain(N), plain(geometry.G), plain(geometry.dV), n, S, plain(p), plain(w), vectors
     )
     return vectors[..., :d], vectors[..., d:]
 
 
 @specialized
-def _coupling_loop(A, d):
+def _coupling_loop(A, d, affine):
     """Return the loop that writes the pressure term and the drag term side by side, (E, A, 2 d)."""
     rows = 1 + d
     columns = 2 * d
@@ -203,7 +203,7 @@ def _coupling_loop(A, d):
                 for a in range(A):
                     value += N[q, a] * p[e, a]
                     for j in range(d):
-                        g[a, j] = G[e, q if A > d + 1 else 0, a, j]
+                        g[a, j] = G[e, 0 if affine else q, a, j]
                 for i in range(d):
                     gradient = 0.0
                     relative = 0.0

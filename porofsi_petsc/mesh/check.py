@@ -5,7 +5,6 @@ import os
 import numpy as np
 
 from ..elements import ELEMENTS
-from ..elements.quadrature import quadrature
 from ..errors import InputError, listed
 from .topology import facet_multiplicity, locate_facets
 
@@ -121,39 +120,37 @@ def plane_points(points, dim, where):
 
 
 def oriented(points, cells, element, where):
-    """Return the cells with vertices 1 and 2 (and the mid-edge nodes) swapped where the determinant
-    of the edges is negative.
+    """Return the cells mirrored, first and second reference coordinate swapped, where the
+    determinant of the edges is negative.
     """
-    edges = points[cells[:, 1 : element.dim + 1]] - points[cells[:, :1]]
+    edges = _legs(points[cells], element)
     det = np.linalg.det(edges)
     size = np.sqrt((edges**2).sum(axis=2).max(axis=1)) ** element.dim
     degenerate = np.flatnonzero(np.abs(det) <= DEGENERATE * size)
     if len(degenerate):
         e = degenerate[0]
-        corners = ", ".join(place(x) for x in points[cells[e, : element.dim + 1]])
+        corners = ", ".join(place(x) for x in points[cells[e, : element.n_vertices]])
         raise InputError(
             f"{where}: cell {e} (counted from 0) is degenerate, its vertices are {corners}; repair"
             " the mesh"
         )
-    return np.where(det[:, None] < 0, cells[:, _mirror(element)], cells)
+    return np.where(det[:, None] < 0, cells[:, element.mirror], cells)
 
 
-def _mirror(element):
-    """Return the permutation of the nodes of an element that swaps vertices 1 and 2."""
-    vertex = [0, 2, 1, 3][: element.dim + 1]
-    if element.order == 1:
-        return vertex
-    edges = [set(edge) for edge in element.edges]
-    return vertex + [
-        element.dim + 1 + edges.index({vertex[a], vertex[b]}) for a, b in element.edges
-    ]
+def _legs(X, element):
+    """Return dx/dxi_m, (E, d, d), at the centroids of straight elements (E, A, d): the edges at
+    vertex 0 of a simplex, means of parallel edges of others.
+    """
+    return element.cell.vertex_gradient.T @ X[:, : element.n_vertices]
 
 
 def require_positive_jacobian(points, cells, element, where):
-    """Raise InputError where det dx/dxi <= 0 at a node or quadrature point of a curved element."""
-    if element.order == 1:
+    """Raise InputError where det dx/dxi <= 0 at a node or quadrature point of an element that is
+    not affine.
+    """
+    if element.is_affine:
         return
-    xi = np.vstack([element.node_coordinates, quadrature(element.dim, 2 * element.order)[0]])
+    xi = np.vstack([element.node_coordinates, element.cell.quadrature(2 * element.order)[0]])
     gradient = element.gradient(xi)
     for start in range(0, len(cells), JACOBIAN_CHUNK):
         X = points[cells[start : start + JACOBIAN_CHUNK]]
@@ -226,7 +223,7 @@ def require_tagged_boundary(points, cells, element, group, tagged, where):
 def _require_none(wrong, what, points, cells, element, where):
     cell, local = np.nonzero(wrong)
     if len(cell):
-        corners = cells[cell[0], list(element.facets[local[0]][: element.dim])]
+        corners = cells[cell[0], element.facet_corners[local[0]]]
         raise InputError(f"{where}: {len(cell)} {what.format(place(points[corners].mean(axis=0)))}")
 
 

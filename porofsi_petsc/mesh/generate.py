@@ -148,7 +148,7 @@ def _tagged(lines, cells, order, patches, regions):
     element = linear
     if order == 2:
         element = ELEMENTS["T6" if dim == 2 else "T10"]
-        points, cells = add_midside_nodes(points, cells, element.edges)
+        points, cells = add_midside_nodes(points, cells, element)
     nodes = cell_facets(cells, element)[cell, local]
     facets = {tag: nodes[chosen] for tag, chosen in tag_of.items() if chosen.any()}
     return Mesh(points, cells, element, names, cell_region, facets)

@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from .check import place
-from .topology import cell_facets
 
 # Depth of a cell in another that is no overlap, in smallest heights of a cell: digits of a mesh
 # file.
@@ -31,13 +30,13 @@ def require_unfolded(points, cells, element, group, where):
     Neighbours that are oriented alike traverse it in opposite directions.  group : (E, facets of a
     cell)
     """
-    sides = _parity(cell_facets(cells, element)[:, :, : element.dim])
+    sides = _parity(cells[:, element.facet_corners])
     balance = np.bincount(group.ravel(), weights=sides.ravel())
     wrong = ((np.bincount(group.ravel()) == 2) & (balance != 0))[group]
     if not wrong.any():
         return
     first = np.argwhere(group == group[wrong][0])
-    corners = cells[first[0, 0], list(element.facets[first[0, 1]][: element.dim])]
+    corners = cells[first[0, 0], element.facet_corners[first[0, 1]]]
     names = " and ".join(f"{e} at {_centre(points, cells, element, e)}" for e in first[:, 0])
     raise InputError(
         f"{where}: the mesh is tangled at {int(wrong.sum()) // 2} facets, the first at"
@@ -77,7 +76,7 @@ def _parity(facets):
 
 
 def _centre(points, cells, element, e):
-    return place(points[cells[e, : element.dim + 1]].mean(axis=0))
+    return place(points[cells[e, : element.n_vertices]].mean(axis=0))
 
 
 def _boxes(corners):
@@ -188,11 +187,12 @@ def _bulge(points, cells, element):
     """Return by how much the edges of cells are curved, (n,) [m]: mid-edge nodes from the
     chords.
     """
-    if element.order == 1:
+    if not element.supports:
         return np.zeros(len(cells))
-    a, b = np.array(element.edges).T
+    a, b = np.array(element.cell.edges).T
     chord = (points[cells[:, a]] + points[cells[:, b]]) / 2
-    return np.linalg.norm(points[cells[:, element.dim + 1 :]] - chord, axis=2).max(axis=1)
+    middle = points[cells[:, element.n_vertices :][:, : len(a)]]
+    return np.linalg.norm(middle - chord, axis=2).max(axis=1)
 
 
 def _too_deep(n_nodes, cells, corners, depth, first, second):

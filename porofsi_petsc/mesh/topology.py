@@ -1,4 +1,6 @@
-"""Edges and facets of simplex cells: mid-edge nodes, the boundary, and the cell behind a facet."""
+"""Edges and facets of cells: nodes between vertices, the boundary, and the cell behind a facet."""
+
+from itertools import groupby
 
 import numpy as np
 
@@ -17,19 +19,21 @@ def group_rows(rows):
     return group
 
 
-def add_midside_nodes(points, cells, edges):
-    """Return the points and cells of order 2 made from those of order 1, mid-edge nodes numbered
-    after the vertices.
+def add_midside_nodes(points, cells, element):
+    """Return the points and cells of an element made from those of order 1, the nodes between
+    vertices numbered after them.
 
-    points : (N, d) -> (N + M, d).  cells : (E, d + 1) -> (E, d + 1 + number of edges).
+    points : (N, d) -> (N + M, d).  cells : (E, vertices) -> (E, nodes).
     """
-    ends = cells[:, np.array(edges)].reshape(-1, 2)
-    group = group_rows(ends)
-    first = np.unique(group, return_index=True)[1]
-    middle = points[ends[first]].mean(axis=1)
-    return np.vstack([points, middle]), np.hstack(
-        [cells, len(points) + group.reshape(len(cells), -1)]
-    )
+    vertices = cells
+    for _, supports in groupby(element.supports, len):
+        supports = np.array(list(supports))
+        around = vertices[:, supports].reshape(-1, supports.shape[1])
+        group = group_rows(around)
+        first = np.unique(group, return_index=True)[1]
+        cells = np.hstack([cells, len(points) + group.reshape(len(cells), -1)])
+        points = np.vstack([points, points[around[first]].mean(axis=1)])
+    return points, cells
 
 
 def cell_facets(cells, element):
@@ -43,8 +47,8 @@ def facet_groups(cells, element):
     """Return the number of every facet of every cell, (E, number of facets), shared ones with one
     number.
     """
-    vertices = cell_facets(cells, element)[:, :, : element.dim]
-    return group_rows(vertices.reshape(-1, element.dim)).reshape(vertices.shape[:2])
+    vertices = cells[:, element.facet_corners]
+    return group_rows(vertices.reshape(-1, vertices.shape[2])).reshape(vertices.shape[:2])
 
 
 def facet_multiplicity(cells, element):
@@ -62,10 +66,10 @@ def locate_facets(facets, cells, element):
     """Return cell and local number, (F,) each, of the given facets; the lower cell of an interior
     one, -1 where there is none.
 
-    facets : (F, >= dim) node numbers, the vertices first and in any order.
+    facets : (F, >= vertices) node numbers, the vertices first and in any order.
     """
-    queries = facets[:, : element.dim]
-    vertices = cell_facets(cells, element)[:, :, : element.dim]
+    queries = facets[:, : element.cell.facet_vertices]
+    vertices = cells[:, element.facet_corners]
     wanted = np.zeros(cells.max(initial=queries.max(initial=-1)) + 1, dtype=bool)
     wanted[queries] = True
     cell, local = np.nonzero(wanted[vertices].all(axis=2))

@@ -7,7 +7,7 @@ import numpy as np
 def write_mesh(path, mesh):
     """Write a `Mesh` as Gmsh 2.2 (text); `read_mesh` returns an equal one."""
     kind = mesh.element.meshio_name
-    facet_kind = mesh.element.facet_meshio_name
+    facet_kind = mesh.element.facet.meshio_name
     d = mesh.dim
     groups = [(facet_kind, d - 1, tag, nodes) for tag, nodes in mesh.facets.items()]
     groups += [

@@ -73,7 +73,7 @@ def _locate(mesh, rank, point):
     cells = np.flatnonzero(mesh.cell_owned)
     cells = cells[_near(mesh.X[mesh.cells[cells]], point)]
     xi = _reference_coordinates(mesh.element, mesh.X[mesh.cells[cells]], point)
-    inside = (xi.min(axis=1, initial=np.inf) >= -TOLERANCE) & (xi.sum(axis=1) <= 1 + TOLERANCE)
+    inside = mesh.element.cell.contains(xi, TOLERANCE)
     cells = cells[inside]
     xi = xi[inside]
     if len(cells) == 0:
@@ -93,15 +93,15 @@ def _near(X, point):
 
 
 def _reference_coordinates(element, X, point):
-    """Return xi (E, d) with sum_a N_a(xi) X_a = point: one Newton step for order 1, to convergence
-    for order 2.
+    """Return xi (E, d) with sum_a N_a(xi) X_a = point: one Newton step where the map is
+    affine, else to convergence.
 
     A Newton iteration that diverges ends in coordinates outside of the element or in NaN, which is
     outside too.
     """
-    xi = np.full((len(X), element.dim), 1.0 / (element.dim + 1))
+    xi = np.tile(element.cell.centroid, (len(X), 1))
     with np.errstate(all="ignore"):
-        for _ in range(1 if element.order == 1 else NEWTON_STEPS):
+        for _ in range(1 if element.is_affine else NEWTON_STEPS):
             residual = point - np.einsum("ea,eai->ei", element.shape(xi), X)
             J = np.einsum("eai,eaj->eij", X, element.gradient(xi))
             xi = xi + _solve(J, residual)

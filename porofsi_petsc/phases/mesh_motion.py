@@ -312,9 +312,8 @@ class MeshMotion:
         domain = self._fluid_domain
         worst = 1.0
         for _, chunk in domain.chunks(domain.cells.shape[1] * domain.dim):
-            worst = min(
-                worst, float(shape_quality(positions[domain.cells[chunk, : domain.dim + 1]]).min())
-            )
+            vertices = positions[domain.cells[chunk, : domain.element.n_vertices]]
+            worst = min(worst, float(shape_quality(domain.element.cell, vertices).min()))
         ratios, shapes = zip(
             *self.mesh.comm.allgather((float(configuration.J.min(initial=1.0)), worst)), strict=True
         )

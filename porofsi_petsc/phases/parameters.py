@@ -48,7 +48,7 @@ class StabilizationParameters:
                 dt,
             )
             if not material.is_free_fluid:
-                vertices = positions[domain.cells[chunk, : domain.dim + 1]]
+                vertices = positions[domain.cells[chunk, : domain.element.n_vertices]]
                 self._set_undrained(chunk, material, configuration.J[chunk], rates, vertices)
 
     def undrained(self, chunk):

@@ -179,7 +179,7 @@ class Measures:
         """
         element = self._solid.element
         nodes = element.node_coordinates
-        rule = Rule(element.shape(nodes), element.gradient(nodes), np.ones(len(nodes)))
+        rule = Rule.at(element, nodes, np.ones(len(nodes)))
         return geometry(rule, self._solid.gather(self._mesh.X, chunk))
 
     # -- oscillation -------------------------------------------------------------------------------

@@ -51,7 +51,7 @@ def require_supports(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str
         if found:
             cell = chosen[found[0]]
             region = mesh.regions[mesh.cell_region[of_solid][cell]]
-            at = place(mesh.points[cells[cell, : mesh.dim + 1]].mean(axis=0))
+            at = place(mesh.points[cells[cell, : mesh.element.n_vertices]].mean(axis=0))
             what = "skeleton" if kinds[region] == "porous" else "solid"
             raise InputError(
                 f"{where} [[boundary]]: nothing holds the {what} {found[1]}: region '{region}' at"

@@ -118,7 +118,7 @@ def sector(cells: int, order: int, dim: int, radius: float = RADIUS) -> Mesh:
     tags = {f"{axis}0": (vertices[..., i] == 0).all(axis=1) for i, axis in enumerate(AXES[:dim])}
     tags["surface"] = np.isclose(vertices.sum(axis=-1), 1).all(axis=1)
     if order == 2:
-        corner, elements = add_midside_nodes(corner, elements, element.edges)
+        corner, elements = add_midside_nodes(corner, elements, element)
     nodes = cell_facets(elements, element)[cell, local]
     length = np.linalg.norm(corner, axis=1, keepdims=True)
     points = (

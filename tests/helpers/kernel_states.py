@@ -32,7 +32,7 @@ def relative(a, b):
 
 
 def distorted(element, rng, count=3):
-    """Return coordinates (E, A, d) of elements a little away from the reference simplex (curved for
+    """Return coordinates (E, A, d) of elements a little away from the reference cell (curved for
     order 2).
     """
     return element.node_coordinates + 0.06 * rng.standard_normal(
@@ -58,8 +58,8 @@ def flow_chunk(element, rng, mu, convection):
     current = geometry(rule, X)
     second = None
     grad_n = None
-    if mu and element.order == 2:
-        second = SecondDerivatives.at(element, X, current, None)
+    if mu and not element.is_affine:
+        second = SecondDerivatives.at(rule, X, current, None)
         grad_n = rng.standard_normal((E, Q, d))
     symmetric = rng.standard_normal((E, Q, d, d))
     elements = flow.FlowElements(

@@ -1,0 +1,168 @@
+"""What an element is: a reference cell with shape functions of an order on it.
+
+An element that is added is one class of shape functions, or one line of a class that is here.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Cell(ABC):
+    """A reference cell, its first vertex at the origin and the legs at it of length 1."""
+
+    dim: int
+
+    @property
+    @abstractmethod
+    def vertices(self):
+        """Return the coordinates of the vertices, (V, dim)."""
+
+    @property
+    @abstractmethod
+    def edges(self):
+        """Return the pairs of vertices of the edges, in VTK's order."""
+
+    @property
+    @abstractmethod
+    def facet_vertices(self):
+        """Return the number of vertices of a facet."""
+
+    @property
+    @abstractmethod
+    def count_in_cube(self):
+        """Return how many cells of the same volume the unit cube has."""
+
+    @property
+    @abstractmethod
+    def simplices(self):
+        """Return the vertices of the simplices that the cell is cut into, (S, dim + 1)."""
+
+    @property
+    @abstractmethod
+    def parts(self):
+        """Return vertices, edges, ... and the cell: their own cell, one vertex (dim,), the legs
+        there (k, dim).
+        """
+
+    @property
+    def centroid(self):
+        """Return the mean of the vertices, (1, dim)."""
+        return self.vertices.mean(axis=0, keepdims=True)
+
+    @abstractmethod
+    def vertex_functions(self, xi):
+        """Return the shape functions of order 1, (Q, V), at the points xi, (Q, dim)."""
+
+    @property
+    @abstractmethod
+    def vertex_gradient(self):
+        """Return the derivatives of `vertex_functions` at the centroid, (V, dim)."""
+
+    @abstractmethod
+    def contains(self, xi, tolerance):
+        """Return which points xi, (Q, dim), are in the cell, (Q,) bool."""
+
+    @abstractmethod
+    def quadrature(self, degree):
+        """Return points (Q, dim) and weights (Q,), exact for shape functions of the degree."""
+
+    @abstractmethod
+    def subdivided(self, degree, n):
+        """Return points and weights of the degree on each of the n^dim parts of a line or plane
+        cell whose edges are cut into n.
+        """
+
+    @abstractmethod
+    def shape_tensors(self, vertices):
+        """Return A Aᵀ of the maps A from an equilateral cell to cells with vertices (E, V, dim),
+        (E, K, dim, dim): where A varies, that at the vertices.
+        """
+
+
+@dataclass(frozen=True)
+class Element(ABC):
+    """Lagrange functions of an order on a reference cell; nodes in VTK's order, the vertices first.
+
+    facets : local nodes of every facet in the order of the nodes of `facet`, the element of one
+    dimension less (outward orientation; None where nobody asks for it)
+    """
+
+    name: str
+    cell: Cell
+    order: int
+    meshio_name: str
+    facets: tuple
+    facet: "Element | None"
+
+    @property
+    def dim(self):
+        """Return the dimension of the reference cell."""
+        return self.cell.dim
+
+    @property
+    def n_vertices(self):
+        """Return the number of vertices, which are the first nodes."""
+        return len(self.cell.vertices)
+
+    @property
+    def nodes(self):
+        """Return the number of nodes."""
+        return self.n_vertices + len(self.supports)
+
+    @property
+    @abstractmethod
+    def supports(self):
+        """Return for each node that is no vertex the vertices in whose middle it is."""
+
+    @property
+    def node_coordinates(self):
+        """Return the reference coordinates of the nodes, (A, dim)."""
+        vertices = self.cell.vertices
+        return np.vstack([vertices, *(vertices[list(s)].mean(axis=0) for s in self.supports)])
+
+    @property
+    def facet_corners(self):
+        """Return the local vertices of every facet, (facets, vertices of a facet)."""
+        return np.array(self.facets)[:, : self.cell.facet_vertices]
+
+    @property
+    @abstractmethod
+    def is_affine(self):
+        """Return whether gradients are constant over every element, and second derivatives zero."""
+
+    @property
+    @abstractmethod
+    def gradient_degree(self):
+        """Return the degree of the gradients, in the meaning of `Cell.quadrature`."""
+
+    @property
+    @abstractmethod
+    def trace_constant(self):
+        """Return the least C with ∮_f w² dA <= C A/V ∫ w² dV on a facet f of an affine element."""
+
+    @abstractmethod
+    def shape(self, xi):
+        """Return N, (Q, A), at the reference points xi, (Q, dim)."""
+
+    @abstractmethod
+    def gradient(self, xi):
+        """Return dN/dxi, (Q, A, dim), at the reference points xi, (Q, dim)."""
+
+    @abstractmethod
+    def hessian(self, xi):
+        """Return d²N/dxi², (Q', A, dim, dim), at the points xi, (Q, dim); Q' = 1 where constant."""
+
+    @property
+    def mirror(self):
+        """Return the numbers of the nodes when the first two reference coordinates are swapped."""
+        nodes = self.node_coordinates.tolist()
+        return [nodes.index([y, x, *rest]) for x, y, *rest in nodes]
+
+
+def moments(vertices):
+    """Return the second moments of vertices (E, V, d) about their mean, (E, d, d) [m²]."""
+    arms = vertices - vertices.mean(axis=1, keepdims=True)
+    return np.swapaxes(arms, 1, 2) @ arms
