@@ -118,8 +118,11 @@ def test_the_file_is_not_changed_by_overrides(scene_file):
     assert load_scene(scene_file).time.end == 1.0
 
 
-def test_resolved_scene_loads_again_to_an_equal_one(scene_file, tmp_path):
-    scene = load_scene(scene_file, ["boundary.2.flux={table='q.csv'}"] if _table(tmp_path) else [])
+@pytest.mark.parametrize("cell_type", ["triangle", "quadrilateral"])
+def test_resolved_scene_loads_again_to_an_equal_one(scene_file, tmp_path, cell_type):
+    _table(tmp_path)
+    overrides = ["boundary.2.flux={table='q.csv'}", f"mesh.cell_type={cell_type}"]
+    scene = load_scene(scene_file, overrides)
     other = tmp_path / "elsewhere" / "scene.toml"
     other.parent.mkdir()
     other.write_text(scene_to_toml(scene))
@@ -184,6 +187,16 @@ WRONG = [
     ("time.end=-1", "[time.end]: received -1, expected a number > 0"),
     ("time.step=2", "[time.step]: received 2 s, expected at most time.end = 1 s"),
     ("time.max_step=0.01", "[time.max_step]: received 0.01 s, expected at least time.step"),
+    (
+        "mesh={kind='rectangle', x={points=[0.0, 1.0], cells=[1]}, y={points=[0.0, 1.0],"
+        " cells=[1]}, cell_type='quadrilateral', diagonal='left'}",
+        "[mesh.diagonal]: received 'left' with cell_type = 'quadrilateral', which cuts no grid"
+        " cells; leave it out",
+    ),
+    (
+        "mesh.cell_type=hexahedron",
+        "[mesh.cell_type]: received 'hexahedron', expected one of triangle, quadrilateral",
+    ),
     ("time.rho_inf=1.5", "[time.rho_inf]: received 1.5, expected a number <= 1"),
     ("time.growth=0.9", "expected a number >= 1"),
     ("time.growth=1e308", "[time.growth]: received 1e+308, expected"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from kernel_states import FD_TOLERANCE, central_difference, distorted, free_chunk, relative
 
-from porofsi_petsc.elements import ELEMENTS
+from porofsi_petsc.elements import ELEMENTS, FAMILIES
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, shape
 from porofsi_petsc.kernels.surface import facet_normal, surface_load
@@ -119,8 +119,8 @@ def test_shape_tangent_is_the_derivative(name, mu, convection):
 
 
 class Patch:
-    """A small mesh of straight-sided elements with moved vertices, on which the quadrature of all
-    terms is exact.
+    """A small mesh of straight-sided elements with moved vertices, or of parallelograms, on which
+    the quadrature of all terms is exact.
 
     x (N, d), cells (E, A), el: a free fluid on it, all coefficients at the given values
     """
@@ -130,19 +130,22 @@ class Patch:
         self.element = element
         d = element.dim
         axis = SimpleNamespace(points=[0.0, 1.0], cells=[3 if d == 2 else 2], ratios=None)
-        mesh = (rectangle if d == 2 else box)(*[axis] * d)
-        self.x = mesh.points + 0.05 * rng.standard_normal(mesh.points.shape)
+        family = next(name for name, elements in FAMILIES.items() if element in elements)
+        mesh = (rectangle if d == 2 else box)(*[axis] * d, cell_type=family)
+        if mesh.element.is_affine:
+            self.x = mesh.points + 0.05 * rng.standard_normal(mesh.points.shape)
+        else:  # parallelograms, on which gradients are polynomials
+            self.x = mesh.points @ (np.eye(d) + 0.2 * rng.standard_normal((d, d)))
         self.cells = mesh.cells
         cell, local = boundary_facets(mesh.cells, mesh.element)
-        if element.order == 2:
-            self.x, self.cells = add_midside_nodes(self.x, self.cells, element)
+        self.x, self.cells = add_midside_nodes(self.x, self.cells, element)
         self.facets = cell_facets(self.cells, element)[cell, local]
         rule = Rule.of(element, 2 * element.order + 1)
         current = geometry(rule, self.x[self.cells])
         points = (len(self.cells), len(rule.weights))
         second = (
             SecondDerivatives.at(rule, self.x[self.cells], current, None)
-            if element.order == 2
+            if not element.is_affine
             else None
         )
 

@@ -1,12 +1,12 @@
 """Generated rectangles and boxes: measures, conformity, grading, tags, adjacency."""
 
 import tracemalloc
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from porofsi_petsc.elements.quadrature import quadrature
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.mesh import box, memory, node_graph, rectangle, require_regions, require_tags
 from porofsi_petsc.mesh.check import boundary_tags, require_every_tag
@@ -40,6 +40,14 @@ GENERATED = {
     },
     "T4": (box, (X, Y, Z, 1), 630.0),
     "T10": (box, (X, Y, Z, 2), 630.0),
+    **{
+        name: (partial(rectangle, cell_type="quadrilateral"), (X, Y, order), 210.0)
+        for name, order in (("Q4", 1), ("Q9", 2))
+    },
+    **{
+        name: (partial(box, cell_type="hexahedron"), (X, Y, Z, order), 630.0)
+        for name, order in (("H8", 1), ("H27", 2))
+    },
 }
 
 
@@ -51,7 +59,7 @@ def generated(request):
 
 def measures(points, cells, element):
     """Return the volume or area of straight or curved elements, (E,), for facets too."""
-    xi, weights = quadrature(element.dim, 2)
+    xi, weights = element.cell.quadrature(2)
     J = np.einsum("eai,qaj->eqij", points[cells], element.gradient(xi))
     return np.sqrt(np.linalg.det(np.swapaxes(J, 2, 3) @ J)) @ weights
 
@@ -61,8 +69,8 @@ def test_volume_is_exact_and_every_cell_positive(generated):
     assert measures(mesh.points, mesh.cells, mesh.element).sum() == pytest.approx(
         volume, rel=1e-12
     )  # round-off of the sum
-    corners = mesh.points[mesh.cells]
-    assert np.linalg.det(corners[:, 1 : mesh.dim + 1] - corners[:, :1]).min() > 0
+    corners = mesh.points[mesh.cells[:, mesh.element.cell.simplices]]
+    assert np.linalg.det(corners[:, :, 1:] - corners[:, :, :1]).min() > 0
 
 
 def test_sides_have_their_exact_measure_and_outward_normal(generated):
@@ -80,7 +88,8 @@ def test_sides_have_their_exact_measure_and_outward_normal(generated):
         assert area == pytest.approx(np.prod(np.delete(lengths, direction)), rel=1e-12)
         cell, _ = locate_facets(nodes, mesh.cells, mesh.element)
         inward = (
-            mesh.points[mesh.cells[cell, : mesh.dim + 1]].mean(axis=1) - mesh.points[nodes[:, 0]]
+            mesh.points[mesh.cells[cell, : mesh.element.n_vertices]].mean(axis=1)
+            - mesh.points[nodes[:, 0]]
         )
         assert np.all(inward[:, direction] * sign < 0)
         edges = mesh.points[nodes[:, 1 : mesh.dim]] - mesh.points[nodes[:, :1]]
@@ -113,10 +122,9 @@ def test_closed_surface_has_no_net_normal(generated):
 
 def test_midside_nodes_lie_in_the_middle_and_are_shared(generated):
     mesh, _ = generated
-    if mesh.element.order == 2:
-        for number, (a, b) in enumerate(mesh.element.cell.edges):
-            middle = mesh.points[mesh.cells[:, [a, b]]].mean(axis=1)
-            assert np.array_equal(mesh.points[mesh.cells[:, mesh.dim + 1 + number]], middle)
+    for node, around in enumerate(mesh.element.supports, start=mesh.element.n_vertices):
+        middle = mesh.points[mesh.cells[:, list(around)]].mean(axis=1)
+        assert np.abs(mesh.points[mesh.cells[:, node]] - middle).max() < 1e-14  # order of sums
 
 
 def test_grading_is_geometric_with_the_given_ratio_and_exact_breakpoints():

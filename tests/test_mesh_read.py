@@ -26,8 +26,26 @@ MESHES = {
         name: box(AXIS, AXIS, AXIS, order, [PATCH], [REGION])
         for name, order in (("T4", 1), ("T10", 2))
     },
+    **{
+        name: rectangle(AXIS, AXIS, order, "right", [PATCH], [REGION], "quadrilateral")
+        for name, order in (("Q4", 1), ("Q9", 2))
+    },
+    **{
+        name: box(AXIS, AXIS, AXIS, order, [PATCH], [REGION], "hexahedron")
+        for name, order in (("H8", 1), ("H27", 2))
+    },
 }
 GMSH_TYPE = {"line": 1, "triangle": 2, "tetra": 4, "line3": 8, "triangle6": 9, "tetra10": 11}
+GMSH_TYPE |= {"quad": 3, "hexahedron": 5, "quad9": 10, "hexahedron27": 12}
+# Gmsh's order of nodes in numbers of VTK's (gmsh.info, "Node ordering").
+GMSH_NODES = {
+    "tetra10": [*range(8), 9, 8],
+    "hexahedron27": [
+        *range(8),
+        *(8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14),
+        *(24, 22, 20, 21, 23, 25, 26),
+    ],
+}
 
 
 def blocks(mesh):
@@ -98,7 +116,7 @@ def write41(path, points, groups):
     element = 0
     for number, (kind, dim, _, cells) in enumerate(tuples, 1):
         lines.append(f"{dim} {number} {GMSH_TYPE[kind]} {len(cells)}")
-        for nodes in cells[:, [*range(8), 9, 8]] if kind == "tetra10" else cells:
+        for nodes in cells[:, GMSH_NODES.get(kind, slice(None))]:
             element += 1
             lines.append(" ".join(map(str, (element, *(nodes + 1)))))
     path.write_text("\n".join([*lines, "$EndElements", ""]))
@@ -163,11 +181,20 @@ def test_other_format_with_named_cell_sets(tmp_path):
 def test_clockwise_cells_are_reoriented_with_their_midside_nodes(tmp_path, name):
     mesh = MESHES[name]
     vertex = [0, 2, 1, 3][: mesh.dim + 1]
+    corner = [0, 3, 2, 1, 4, 7, 6, 5]
     flip = {
         "T3": vertex,
         "T4": vertex,
         "T6": [*vertex, 5, 4, 3],
         "T10": [*vertex, 6, 5, 4, 7, 9, 8],
+        "Q4": corner[:4],
+        "Q9": [*corner[:4], 7, 6, 5, 4, 8],
+        "H8": corner,
+        "H27": [
+            *corner,
+            *(11, 10, 9, 8, 15, 14, 13, 12, 16, 19, 18, 17),
+            *(22, 23, 20, 21, 24, 25, 26),
+        ],
     }[name]
     flipped = [
         (k, d, n, nodes[:, flip] if d == mesh.dim else nodes) for k, d, n, nodes in blocks(mesh)
@@ -333,22 +360,52 @@ def test_wrong_dimension(tmp_path):
 
 
 def test_unsupported_and_mixed_cells(tmp_path):
-    points = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1], [2, 0]])
+    points = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0], [3, 1], [2, 1]])
     quad = ("quad", 2, "body", np.array([[0, 1, 2, 3]]))
     triangle = ("triangle", 2, "body", np.array([[1, 4, 2]]))
+    serendipity = ("quad8", 2, "body", np.array([[0, 1, 2, 3, 4, 5, 6, 7]]))
     refused_groups(
         tmp_path,
-        points[:4],
-        [quad],
-        "unsupported cells of kind quad; mesh the domain with triangle or triangle6",
+        points,
+        [serendipity],
+        "unsupported cells of kind quad8; mesh the domain with triangle, triangle6, quad or quad9$",
     )
-    refused_groups(tmp_path, points, [quad, triangle], "unsupported cells of kind quad")
+    refused_groups(
+        tmp_path,
+        points[:5],
+        [quad, triangle],
+        "mixed cells of kinds quad, triangle; mesh the whole",
+    )
     curved = ("triangle6", 2, "body", np.array([[0, 1, 2, 3, 4, 5]]))
     refused_groups(
         tmp_path,
         np.random.default_rng(0).random((6, 2)),
         [curved, triangle],
         "mixed cells of kinds triangle, tri",
+    )
+    prism = ("wedge", 3, "body", np.array([[0, 1, 2, 3, 4, 5]]))
+    refused_groups(
+        tmp_path,
+        np.vstack([np.zeros(3), np.eye(3), np.eye(3)])[:6],
+        [prism],
+        "unsupported cells of kind wedge; mesh the domain with tetra, tetra10, hexahedron or"
+        " hexahedron27$",
+        dim=3,
+    )
+
+
+@pytest.mark.parametrize("name, vertex", [("Q4", 2), ("H8", 6)])
+def test_a_cell_with_an_angle_of_more_than_180_degrees_is_refused(tmp_path, name, vertex):
+    mesh = MESHES[name]
+    points = mesh.points.copy()
+    cell = mesh.cells[0]
+    points[cell[vertex]] = 0.7 * points[cell[0]] + 0.3 * points[cell[vertex]]
+    refused_groups(
+        tmp_path,
+        points,
+        blocks(mesh),
+        r"the cell \d+ \(counted from 0\) is folded, its Jacobian is .*; its angles must be less",
+        dim=mesh.dim,
     )
 
 

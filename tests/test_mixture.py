@@ -102,7 +102,7 @@ def test_direct_tangent_is_the_derivative_of_both_residuals(mesh, options):
     assert max(errors.values()) < FD_TOLERANCE, errors
 
 
-@pytest.mark.parametrize("mesh, wall", [("T6", ("1", "y")), ("T4", ("2", "z"))])
+@pytest.mark.parametrize("mesh, wall", [("T6", ("1", "y")), ("Q9", ("1", "y")), ("T4", ("2", "z"))])
 def test_direct_tangent_takes_walls_without_slip_along(mesh, wall):
     boundary = (
         f"boundary.{wall[0]}={{ on = 'bottom', displacement = {{ {wall[1]} = 0.0 }}, no_slip ="

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 from running import SCENES, Job, run_here
 
+from porofsi_petsc.elements import ELEMENTS, FAMILIES
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.mesh.generate import box, rectangle
@@ -30,8 +31,16 @@ from porofsi_petsc.output.surface import Surface, read_surface, surface_of
 from porofsi_petsc.output.units import plain, scaled_unit, significant
 
 COMM = MPI.COMM_SELF
-ELEMENTS = ["T3", "T6", "T4", "T10"]
-MESHIO = {"T3": "triangle", "T6": "triangle6", "T4": "tetra", "T10": "tetra10"}
+MESHIO = {
+    "T3": "triangle",
+    "T6": "triangle6",
+    "Q4": "quad",
+    "Q9": "quad9",
+    "T4": "tetra",
+    "T10": "tetra10",
+    "H8": "hexahedron",
+    "H27": "hexahedron27",
+}
 
 
 def axis(length, cells):
@@ -40,13 +49,17 @@ def axis(length, cells):
 
 def serial_mesh(name):
     """Return a block 2 x 1 (x 1) of the element; order 2 with curved interior edges."""
-    order = 2 if name in ("T6", "T10") else 1
-    make, lengths = (rectangle, (2.0, 1.0)) if name in ("T3", "T6") else (box, (2.0, 1.0, 1.0))
-    mesh = make(*(axis(length, int(2 * length)) for length in lengths), order=order)
-    if order == 2:
+    element = ELEMENTS[name]
+    lengths = (2.0, 1.0, 1.0)[: element.dim]
+    mesh = (rectangle if element.dim == 2 else box)(
+        *(axis(length, int(2 * length)) for length in lengths),
+        order=element.order,
+        cell_type=next(cell for cell, family in FAMILIES.items() if element in family),
+    )
+    if element.order == 2:
         bump = np.prod(np.sin(np.pi * mesh.points / lengths), axis=1)
         middle = np.zeros(len(mesh.points), dtype=bool)
-        middle[mesh.cells[:, mesh.dim + 1 :]] = True
+        middle[mesh.cells[:, element.n_vertices :]] = True
         mesh.points[middle] += 0.03 * bump[middle, None]
     return mesh
 
@@ -281,7 +294,7 @@ def write_results(directory, name, n_steps=4):
     return mesh
 
 
-@pytest.mark.parametrize("name", ["T6", "T10"])
+@pytest.mark.parametrize("name", ["T6", "Q9", "T10", "H27"])
 def test_figures_are_made_from_the_files(name, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "DPI", 40)
     write_results(tmp_path, name)
@@ -375,13 +388,28 @@ def test_snapshots_nearest_to_the_times_are_taken_once(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "triangles", "outline"),
-    [("T3", 16, 12), ("T6", 64, 24), ("T4", 56, 32), ("T10", 224, 64)],
+    ("name", "polygons", "lines", "outline"),
+    [
+        ("T3", 16, 30, 12),
+        ("T6", 64, 108, 24),
+        ("Q4", 8, 22, 12),
+        ("Q9", 32, 76, 24),
+        ("T4", 56, 84, 32),
+        ("T10", 224, 336, 64),
+        ("H8", 28, 56, 32),
+        ("H27", 112, 224, 64),
+    ],
 )
-def test_surface_is_drawn_completely(name, triangles, outline, tmp_path):
+def test_surface_is_drawn_completely(name, polygons, lines, outline, tmp_path):
+    """Lines: those of the grid and the diagonals; on a closed surface three for two triangles, two
+    for a quadrilateral.
+    """
     write_results(tmp_path, name, 1)
     surface = read_surface(tmp_path)
-    assert len(surface.triangles) == triangles and len(surface.outline) == outline
+    assert len(surface.polygons) == polygons and len(surface.outline) == outline
+    assert len(surface.lines) == lines
+    assert len(surface.triangles) == polygons * (1 if name.startswith("T") else 2)
+    assert np.array_equal(np.unique(surface.triangles), surface.nodes)
 
 
 def test_units_keep_numbers_near_one():

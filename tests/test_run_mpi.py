@@ -27,11 +27,18 @@ SMALL_STRAIN = (
     "limits.strain=report",
     "limits.mesh_displacement=report",
 )
+QUADRILATERAL = "mesh.cell_type=quadrilateral", "mesh.diagonal=right"
 CASES = {
     "T3 neo-Hookean ALE": ("pulse2d", COARSE),
     "T3 small strain": ("pulse2d", COARSE + SMALL_STRAIN),
     "T6 neo-Hookean ALE": ("pulse2d", (*COARSE, "mesh.order=2")),
+    "Q9 neo-Hookean ALE": ("pulse2d", (*COARSE, "mesh.order=2", *QUADRILATERAL)),
     "T4 neo-Hookean ALE": (str(SCENES / "block3d.toml"), ("time.end=0.004",)),
+    "H8 neo-Hookean ALE": (
+        str(SCENES / "block3d.toml"),
+        # without diagonals nothing depends on y, and u_y is zero
+        ("time.end=0.004", "mesh.cell_type=hexahedron", "probe.1.quantities=['p', 'u_x']"),
+    ),
 }
 # Residuals of 1e-11 of the largest force leave about that much relative error in the fields times
 # the condition of the coupled problem (measured: 1e-12 to 2e-10); the demand on a run is 1e-8.

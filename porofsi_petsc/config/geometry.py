@@ -115,12 +115,23 @@ class Generated(Table):
 
 
 class Rectangle(Generated):
-    """A graded rectangle of triangles."""
+    """A graded rectangle of triangles or quadrilaterals."""
 
     kind: Literal["rectangle"]
     x: Axis
     y: Axis
+    cell_type: Literal["triangle", "quadrilateral"] = "triangle"
     diagonal: Literal["right", "left", "alternating"] = "right"
+
+    @model_validator(mode="after")
+    def _diagonals_are_of_triangles(self):
+        if self.cell_type != "triangle" and self.diagonal != "right":
+            raise wrong(
+                f"received {shown(self.diagonal)} with cell_type = {shown(self.cell_type)}, which"
+                " cuts no grid cells; leave it out",
+                "diagonal",
+            )
+        return self
 
     @property
     def dim(self) -> int:
@@ -129,12 +140,13 @@ class Rectangle(Generated):
 
 
 class Box(Generated):
-    """A graded box of tetrahedra."""
+    """A graded box of tetrahedra or hexahedra."""
 
     kind: Literal["box"]
     x: Axis
     y: Axis
     z: Axis
+    cell_type: Literal["tetrahedron", "hexahedron"] = "tetrahedron"
 
     @property
     def dim(self) -> int:

@@ -1,5 +1,5 @@
 """Quadrature on the unit simplex: symmetric rules of low degree, collapsed Gauss-Jacobi products
-above.
+above; on the unit cube products of Gauss rules.
 """
 
 import math
@@ -51,6 +51,17 @@ def quadrature(dim, degree):
         if available >= degree:
             return _symmetric(dim, SYMMETRIC[dim, available])
     return _collapsed(dim, degree)
+
+
+@cache
+def gauss_product(dim, degree):
+    """Return points, (Q, dim), and weights, (Q,), that integrate polynomials of the degree in each
+    coordinate exactly on the unit cube.
+    """
+    t, w = _gauss_jacobi(degree // 2 + 1, 0)
+    points = np.stack(np.meshgrid(*[t] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    weights = np.stack(np.meshgrid(*[w] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    return points, weights.prod(axis=1)
 
 
 def subdivided(dim, degree, n):

@@ -88,7 +88,8 @@ def volume_element(blocks, dim, where):
     }
     unsupported = [kind for kind in kinds if kind not in supported]
     if unsupported:
-        choices = " or ".join(supported)
+        *others, last = supported
+        choices = f"{', '.join(others)} or {last}"
         raise InputError(
             f"{where}: unsupported cells of kind {', '.join(unsupported)}; mesh the domain with"
             f" {choices}"
@@ -159,9 +160,15 @@ def require_positive_jacobian(points, cells, element, where):
         if len(bad):
             e, q = bad[0]
             at = place(element.shape(xi[q : q + 1])[0] @ X[e])
+            curved = "curved " if element.order > 1 else ""
+            advice = (
+                "refine the mesh there or straighten the curved edge"
+                if curved
+                else "its angles must be less than 180 degrees"
+            )
             raise InputError(
-                f"{where}: the curved cell {start + e} (counted from 0) is folded, its Jacobian is"
-                f" {det[e, q]:.3g} at {at}; refine the mesh there or straighten the curved edge"
+                f"{where}: the {curved}cell {start + e} (counted from 0) is folded, its Jacobian is"
+                f" {det[e, q]:.3g} at {at}; {advice}"
             )
 
 

@@ -5,7 +5,7 @@ from math import prod
 
 import numpy as np
 
-from ..elements import ELEMENTS
+from ..elements import FAMILIES
 from ..errors import InputError, digits
 from .check import DEGENERATE
 from .memory import require_memory
@@ -29,30 +29,32 @@ DEFAULT_REGION = "body"
 FINEST = 1e-9  # smallest cell over the largest coordinate: its size has six digits or more
 
 
-def rectangle(x, y, order=1, diagonal="right", patches=(), regions=()):
-    """Return a mesh of triangles, T3 or T6, on a graded grid.
+def rectangle(x, y, order=1, diagonal="right", patches=(), regions=(), cell_type="triangle"):
+    """Return a mesh of triangles, T3 or T6, or of quadrilaterals, Q4 or Q9, on a graded grid.
 
     x, y : points (breakpoints [m]), cells (number per segment), ratios (last to first cell of each
     segment, or None).
-    diagonal : "right" (lower left to upper right), "left" or "alternating".  Sides: left, right,
-    bottom, top.
+    diagonal : of triangles, "right" (lower left to upper right), "left" or "alternating".  Sides:
+    left, right, bottom, top.
     patches : name, side, x, y (intervals or None) carved out of a side; regions : name, x, y.
     Raises InputError for limits off the mesh lines, for overlaps, for flat cells, and for more of
     them than fit into memory.
     """
     lines = _grid((x, y))
-    return _tagged(lines, _triangles(lines, diagonal), order, patches, regions)
+    cells = _triangles(lines, diagonal) if cell_type == "triangle" else _cubes(lines, cell_type)
+    return _tagged(lines, cells, FAMILIES[cell_type], order, patches, regions)
 
 
-def box(x, y, z, order=1, patches=(), regions=()):
-    """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision); arguments as
-    in `rectangle`.
+def box(x, y, z, order=1, patches=(), regions=(), cell_type="tetrahedron"):
+    """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision), or of
+    hexahedra, H8 or H27; arguments as in `rectangle`.
 
     Sides: left, right (x), front, back (y), bottom, top (z).  Raises InputError as `rectangle`
     does.
     """
     lines = _grid((x, y, z))
-    return _tagged(lines, _tetrahedra(lines), order, patches, regions)
+    cells = _tetrahedra(lines) if cell_type == "tetrahedron" else _cubes(lines, cell_type)
+    return _tagged(lines, cells, FAMILIES[cell_type], order, patches, regions)
 
 
 def _grid(axes):
@@ -136,19 +138,22 @@ def _tetrahedra(lines):
     return np.stack(tetrahedra, axis=1).reshape(-1, 4)
 
 
-def _tagged(lines, cells, order, patches, regions):
-    dim = len(lines)
+def _cubes(lines, cell_type):
+    """Return the grid cells themselves, the vertices in the order of the element."""
+    corner = _corners(lines)
+    vertices = FAMILIES[cell_type][0].cell.vertices.astype(int).tolist()
+    return np.stack([corner[tuple(vertex)] for vertex in vertices], axis=1)
+
+
+def _tagged(lines, cells, family, order, patches, regions):
     points = np.stack(
         [grid.ravel() for grid in np.meshgrid(*lines[::-1], indexing="ij")[::-1]], axis=1
     )
     names, cell_region = _cell_regions(points[cells].mean(axis=1), lines, regions)
-    linear = ELEMENTS["T3" if dim == 2 else "T4"]
+    linear, element = family[0], family[order - 1]
     cell, local = boundary_facets(cells, linear)
     tag_of = _facet_tags(points[cell_facets(cells, linear)[cell, local]], lines, patches)
-    element = linear
-    if order == 2:
-        element = ELEMENTS["T6" if dim == 2 else "T10"]
-        points, cells = add_midside_nodes(points, cells, element)
+    points, cells = add_midside_nodes(points, cells, element)
     nodes = cell_facets(cells, element)[cell, local]
     facets = {tag: nodes[chosen] for tag, chosen in tag_of.items() if chosen.any()}
     return Mesh(points, cells, element, names, cell_region, facets)
@@ -171,7 +176,7 @@ def _cell_regions(centres, lines, regions):
 
 
 def _facet_tags(vertices, lines, patches):
-    """Return for every tag which boundary facets, of the vertices (F, d, d), carry it."""
+    """Return for every tag which boundary facets, of the vertices (F, V, d), carry it."""
     centres = vertices.mean(axis=1)
     dim = len(lines)
     sides = {

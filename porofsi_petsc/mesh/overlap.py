@@ -30,7 +30,7 @@ def require_unfolded(points, cells, element, group, where):
     Neighbours that are oriented alike traverse it in opposite directions.  group : (E, facets of a
     cell)
     """
-    sides = _parity(cells[:, element.facet_corners])
+    sides = _orientation(cells[:, element.facet_corners])
     balance = np.bincount(group.ravel(), weights=sides.ravel())
     wrong = ((np.bincount(group.ravel()) == 2) & (balance != 0))[group]
     if not wrong.any():
@@ -50,16 +50,21 @@ def require_disjoint(points, cells, element, group, where):
     """Raise InputError where a cell at the boundary overlaps another one.  group : (E, facets of a
     cell)
     """
-    outer = np.flatnonzero((np.bincount(group.ravel()) == 1)[group].any(axis=1))
-    corners = points[cells[:, : element.dim + 1]]
+    simplices = cells[:, element.cell.simplices]
+    count = simplices.shape[1]
+    owner = np.repeat(np.arange(len(cells)), count)
+    outer = (np.bincount(group.ravel()) == 1)[group].any(axis=1)
+    corners = points[simplices.reshape(len(owner), -1)]
     gradients = _gradients(corners)
-    allowed = ROUNDED * _height(corners) + 2 * _bulge(points, cells, element)
-    for a, b in _near(*_boxes(corners), outer):
+    allowed = ROUNDED * _height(corners) + 2 * _bulge(points, cells, element)[owner]
+    for a, b in _near(*_boxes(corners), np.flatnonzero(outer[owner])):
+        other = owner[a] != owner[b]
+        a, b = a[other], b[other]
         depth = _depth(corners, gradients, a, b, np.minimum(allowed[a], allowed[b]))
         deep = depth > np.maximum(allowed[a], allowed[b])
-        deep[deep] = _too_deep(len(points), cells, corners, depth[deep], a[deep], b[deep])
+        deep[deep] = _too_deep(len(points), cells, owner, corners, depth[deep], a[deep], b[deep])
         if deep.any():
-            first = a[deep][0], b[deep][0]
+            first = owner[a[deep][0]], owner[b[deep][0]]
             names = " and ".join(f"{e} at {_centre(points, cells, element, e)}" for e in first)
             raise InputError(
                 f"{where}: cells overlap: {names} (counted from 0), the first of which is at the"
@@ -67,12 +72,18 @@ def require_disjoint(points, cells, element, group, where):
             )
 
 
-def _parity(facets):
-    """Return +1 or -1, (E, f), by which the vertices (E, f, d) of facets are an even or odd
-    permutation.
+def _orientation(facets):
+    """Return +1 or -1, (E, f), for the sense in which the vertices (E, f, V) of facets are
+    traversed, a line or a polygon.
     """
-    low, high = np.triu_indices(facets.shape[2], k=1)
-    return np.sign(facets[:, :, high] - facets[:, :, low]).prod(axis=2)
+    if facets.shape[2] == 2:
+        return np.sign(facets[:, :, 1] - facets[:, :, 0])
+    first = facets.argmin(axis=2)[..., None]
+    after, before = (
+        np.take_along_axis(facets, (first + step) % facets.shape[2], axis=2)[..., 0]
+        for step in (1, -1)
+    )
+    return np.sign(before - after)
 
 
 def _centre(points, cells, element, e):
@@ -184,24 +195,29 @@ def _height(corners):
 
 
 def _bulge(points, cells, element):
-    """Return by how much the edges of cells are curved, (n,) [m]: mid-edge nodes from the
-    chords.
+    """Return by how much cells are curved, (n,) [m]: nodes from the middle of the vertices around
+    them, and the diagonals of a quadrilateral facet from its middle.
     """
-    if not element.supports:
-        return np.zeros(len(cells))
-    a, b = np.array(element.cell.edges).T
-    chord = (points[cells[:, a]] + points[cells[:, b]]) / 2
-    middle = points[cells[:, element.n_vertices :][:, : len(a)]]
-    return np.linalg.norm(middle - chord, axis=2).max(axis=1)
+    X = points[cells]
+    bulge = np.zeros(len(cells))
+    for i, around in enumerate(element.supports, start=element.n_vertices):
+        away = X[:, i] - X[:, list(around)].mean(axis=1)
+        np.maximum(bulge, np.linalg.norm(away, axis=1), out=bulge)
+    for corners in element.facet_corners:
+        if len(corners) == 4:
+            twist = (X[:, corners] * np.array([1, -1, 1, -1])[:, None]).mean(axis=1)
+            np.maximum(bulge, np.linalg.norm(twist, axis=1), out=bulge)
+    return bulge
 
 
-def _too_deep(n_nodes, cells, corners, depth, first, second):
+def _too_deep(n_nodes, cells, owner, corners, depth, first, second):
     """Return which pairs overlap by more than parts without common nodes may."""
     if not len(first):
         return np.zeros(0, dtype=bool)
     part = _parts(cells, n_nodes)
     size = np.maximum(_size(corners[first]), _size(corners[second]))
-    return (part[cells[first, 0]] == part[cells[second, 0]]) | (depth > APART * size)
+    part = part[cells[owner, 0]]
+    return (part[first] == part[second]) | (depth > APART * size)
 
 
 def _parts(cells, n_nodes):

@@ -11,7 +11,12 @@ from . import check, overlap
 from .mesh import Mesh
 from .topology import cell_facets, facet_groups, locate_facets
 
-FACET_KINDS = {2: ("line", "line3"), 3: ("triangle", "triangle6")}
+# By the number of vertices; of facets with more nodes than vertices only these are looked at.
+FACET_KINDS = {
+    2: ("line", "line3"),
+    3: ("triangle", "triangle6"),
+    4: ("quad", "quad8", "quad9"),
+}
 GMSH_NUMBERS = "gmsh:physical"
 # Formats that have no named boundaries; meshio's readers of most of them do not end on broken
 # files.
@@ -38,7 +43,7 @@ def read_mesh(path, dim):
     points = check.plane_points(source.points, dim, path)
     names, tags = _tags(source, path)
     cells, cell_tag = _gather(source.cells, tags, (element.meshio_name,))
-    tagged_facets = _gather(source.cells, tags, FACET_KINDS[dim])
+    tagged_facets = _gather(source.cells, tags, FACET_KINDS[element.cell.facet_vertices])
     check.require_known_nodes(points, cells, path)
     check.require_known_nodes(points, tagged_facets[0], path, "facet")
     check.require_no_orphans(points, cells, path)

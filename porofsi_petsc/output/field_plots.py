@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 DRAWN_SHARE = 0.05  # the largest displacement is drawn as this share of the domain
 LARGEST_ASPECT = 8.0  # a domain more slender than this is drawn with unequal scales
 WIDTH = 7.2  # [inch], the text width of a journal page
-MESH_LINES_UP_TO = 6000  # triangles; beyond, the lines would cover the colours
+MESH_LINES_UP_TO = 6000  # polygons; beyond, the lines would cover the colours
 LABEL_SHARE = 0.95  # of the height of the figure that a label along it may take
 # A panel whose largest value is below this share of the figure's is hardly seen on a linear colour
 # scale.
@@ -200,12 +200,17 @@ def _draw_panel(ax, surface, deformed, values, scale):
 
 
 def _draw_plane(ax, surface, deformed, values, colours):
+    from matplotlib.collections import LineCollection
+
     x, y = deformed[surface.nodes].T
     triangles = np.searchsorted(
         surface.nodes, surface.triangles
     )  # other nodes would count in the limits of the axes
-    if len(triangles) <= MESH_LINES_UP_TO:
-        ax.triplot(x, y, triangles, color="k", linewidth=0.15, alpha=0.35, zorder=2)
+    if len(surface.polygons) <= MESH_LINES_UP_TO:
+        lines = LineCollection(
+            deformed[surface.lines], colors="k", linewidths=0.15, alpha=0.35, zorder=2
+        )
+        ax.add_collection(lines)
     return ax.tripcolor(
         x, y, triangles, values[surface.nodes], shading="gouraud", rasterized=True, **colours
     )
@@ -216,7 +221,7 @@ def _draw_backdrop(ax, backdrop, deformed):
 
     ax.add_collection(
         PolyCollection(
-            deformed[backdrop.triangles],
+            deformed[backdrop.polygons],
             facecolors="0.6",
             edgecolors="0.6",
             linewidths=0.2,
@@ -226,18 +231,18 @@ def _draw_backdrop(ax, backdrop, deformed):
 
 
 def _draw_solid(ax, surface, deformed, values, colours):
-    """Paint the triangles of the surface from the farthest to the nearest."""
+    """Paint the polygons of the surface from the farthest to the nearest."""
     from matplotlib.collections import PolyCollection
 
     seen, depth = surface.project(deformed)
-    order = np.argsort(depth[surface.triangles].mean(axis=1))
-    triangles = surface.triangles[order]
+    order = np.argsort(depth[surface.polygons].mean(axis=1))
+    polygons = surface.polygons[order]
     lines = {"edgecolors": (0, 0, 0, 0.25), "linewidths": 0.15}
-    if len(triangles) > MESH_LINES_UP_TO:
+    if len(polygons) > MESH_LINES_UP_TO:
         lines = {"edgecolors": "face", "linewidths": 0.2}
     faces = PolyCollection(
-        seen[triangles],
-        array=values[triangles].mean(axis=1),
+        seen[polygons],
+        array=values[polygons].mean(axis=1),
         rasterized=True,
         zorder=1,
         **lines,

@@ -23,7 +23,16 @@ from .hdf5 import read_attributes, write_slabs
 FOLDER = "fields"
 XDMF = "fields.xdmf"
 STEP = re.compile(r"\d{6,}\.h5")  # names of the files of a time
-TOPOLOGY = {"T3": "Triangle", "T6": "Triangle_6", "T4": "Tetrahedron", "T10": "Tetrahedron_10"}
+TOPOLOGY = {
+    "T3": "Triangle",
+    "T6": "Triangle_6",
+    "Q4": "Quadrilateral",
+    "Q9": "Quadrilateral_9",
+    "T4": "Tetrahedron",
+    "T10": "Tetrahedron_10",
+    "H8": "Hexahedron",
+    "H27": "Hexahedron_27",
+}
 ATTRIBUTE_TYPE = {(): "Scalar", (3,): "Vector", (6,): "Tensor6"}
 
 

@@ -1,4 +1,4 @@
-"""What is drawn of a mesh: the triangles of a plane mesh, or the surface of the rear half of a
+"""What is drawn of a mesh: the cells of a plane mesh, or the surface of the rear half of a
 solid one, and the outline.
 """
 
@@ -14,7 +14,13 @@ from ..mesh.topology import boundary_facets, group_rows
 from .fields import FOLDER
 from .hdf5 import read_attributes, read_slab
 
-SPLIT = {3: ((0, 1, 2),), 6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))}  # by number of nodes
+SPLIT = {  # plane cells into triangles or quadrilaterals, by number of nodes
+    3: ((0, 1, 2),),
+    6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    4: ((0, 1, 2, 3),),
+    9: ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3)),
+}
+HALVES = ((0, 1, 2), (0, 2, 3))  # of a quadrilateral
 SPLIT_LINE = {2: ((0, 1),), 3: ((0, 2), (2, 1))}
 AZIMUTH = np.radians(-60.0)
 ELEVATION = np.radians(25.0)
@@ -23,17 +29,17 @@ SHARP_EDGE = np.cos(np.radians(30.0))
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles and outline in the numbering of the points, with their projection to the plane of
+    """Polygons and outline in the numbering of the points, with their projection to the plane of
     the picture.
 
-    points : (N, d) [m].  triangles : (T, 3).  outline : (L, 2) edges of a plane domain, sharp edges
-    of a solid one.
+    points : (N, d) [m].  polygons : (P, 3) or (P, 4).
+    outline : (L, 2) edges of a plane domain, sharp edges of a solid one.
     cut : y [m] in front of which the elements of a solid domain are left out, so that its inside is
     seen; None in the plane.
     """
 
     points: np.ndarray
-    triangles: np.ndarray
+    polygons: np.ndarray
     outline: np.ndarray
     cut: float | None = None
 
@@ -43,9 +49,20 @@ class Surface:
         return self.points.shape[1]
 
     @cached_property
+    def triangles(self) -> np.ndarray:
+        """Return the polygons, quadrilaterals cut in two, (T, 3)."""
+        return _triangles(self.polygons)
+
+    @cached_property
+    def lines(self) -> np.ndarray:
+        """Return the sides of the polygons, each once, (L, 2)."""
+        sides = np.stack([self.polygons, np.roll(self.polygons, -1, axis=1)], axis=2)
+        return np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0)
+
+    @cached_property
     def nodes(self) -> np.ndarray:
-        """Return the numbers of the nodes on the triangles."""
-        return np.unique(self.triangles)
+        """Return the numbers of the nodes on the polygons."""
+        return np.unique(self.polygons)
 
     @property
     def size(self) -> float:
@@ -109,13 +126,19 @@ def surface_of(
     if cut >= depth.max():
         cut = depth.min()
     behind = cells[depth[cells].mean(axis=1) > cut]
-    outline = _sharp_edges(points, _split(boundary, SPLIT))
+    outline = _sharp_edges(points, _triangles(_split(boundary, SPLIT)))
     return Surface(points, _split(_boundary(behind, element), SPLIT), outline, cut)
 
 
 def _boundary(cells, element):
     cell, local = boundary_facets(cells, element)
     return cells[cell[:, None], np.array(element.facets)[local]]
+
+
+def _triangles(polygons):
+    if polygons.shape[1] == 3:
+        return polygons
+    return polygons[:, np.array(HALVES)].reshape(-1, 3)
 
 
 def _split(cells, table):

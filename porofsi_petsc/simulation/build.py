@@ -81,8 +81,17 @@ def _generated(section, where):
                 section.diagonal,
                 section.patches,
                 section.regions,
+                section.cell_type,
             )
-        return box(section.x, section.y, section.z, section.order, section.patches, section.regions)
+        return box(
+            section.x,
+            section.y,
+            section.z,
+            section.order,
+            section.patches,
+            section.regions,
+            section.cell_type,
+        )
     except InputError as error:
         raise InputError(f"{where} {error}") from None
     except MemoryError:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..elements import ELEMENTS
+from ..elements import FAMILIES
 from ..mesh.mesh import Mesh
 from ..mesh.topology import add_midside_nodes, boundary_facets, cell_facets
 from ..mesh.write import write_mesh
@@ -109,16 +109,13 @@ def sector(cells: int, order: int, dim: int, radius: float = RADIUS) -> Mesh:
     planes x0, y0, z0, and the surface.
     """
     corner, elements = _kuhn(cells, dim)
-    linear, element = (
-        ELEMENTS[names[dim - 2]]
-        for names in (("T3", "T4"), ("T6", "T10") if order == 2 else ("T3", "T4"))
-    )
+    family = FAMILIES["triangle" if dim == 2 else "tetrahedron"]
+    linear, element = family[0], family[order - 1]
     cell, local = boundary_facets(elements, linear)
     vertices = corner[cell_facets(elements, linear)[cell, local]]
     tags = {f"{axis}0": (vertices[..., i] == 0).all(axis=1) for i, axis in enumerate(AXES[:dim])}
     tags["surface"] = np.isclose(vertices.sum(axis=-1), 1).all(axis=1)
-    if order == 2:
-        corner, elements = add_midside_nodes(corner, elements, element)
+    corner, elements = add_midside_nodes(corner, elements, element)
     nodes = cell_facets(elements, element)[cell, local]
     length = np.linalg.norm(corner, axis=1, keepdims=True)
     points = (

@@ -16,7 +16,6 @@ import sympy as sp
 from mpi4py import MPI
 from running import SCENES
 
-from porofsi_petsc.elements.simplex import EDGES
 from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.fem.domain import Configuration, Domain
@@ -251,13 +250,12 @@ def distorted(mesh, seed=7):
     rng = np.random.default_rng(seed)
     cells = mesh.cells
     points = mesh.points.copy()
-    vertices = np.unique(cells[:, :3])
+    vertices = np.unique(cells[:, : mesh.element.n_vertices])
     inner = vertices[np.all((points[vertices] > 1e-12) & (points[vertices] < 1 - 1e-12), axis=1)]
-    h = np.sqrt(2 / len(cells))
+    h = np.sqrt(mesh.element.cell.count_in_cube / len(cells))
     points[inner] += WIGGLE * h * rng.uniform(-1, 1, (len(inner), 2))
-    edges = EDGES[2] if mesh.element.order == 2 else ()
-    for middle, (a, b) in enumerate(edges, 3):
-        points[cells[:, middle]] = (points[cells[:, a]] + points[cells[:, b]]) / 2
+    for middle, around in enumerate(mesh.element.supports, mesh.element.n_vertices):
+        points[cells[:, middle]] = points[cells[:, list(around)]].mean(axis=1)
     return replace(mesh, points=points)
 
 

@@ -18,11 +18,15 @@ PLANE = (
     "mesh.y.ratios=[1.0]",
 )
 SPACE = ("mesh.x.cells=[1, 1]", "mesh.y.cells=[1]", "mesh.z.cells=[1]", "mesh.z.ratios=[1.0]")
+QUADRILATERAL = "mesh.cell_type=quadrilateral", "mesh.diagonal=right"
 MESHES = {
     "T3": ("pulse2d", (*PLANE, "mesh.order=1")),
     "T6": ("pulse2d", (*PLANE, "mesh.order=2")),
+    "Q4": ("pulse2d", (*PLANE, "mesh.order=1", *QUADRILATERAL)),
+    "Q9": ("pulse2d", (*PLANE, "mesh.order=2", *QUADRILATERAL)),
     "T4": (BLOCK3D, SPACE),
     "T10": (BLOCK3D, (*SPACE, "mesh.order=2")),
+    "H8": (BLOCK3D, (*SPACE, "mesh.cell_type=hexahedron")),
 }
 DARCY = ("model.viscosity=false", "model.convection=true", "model.moving_mesh=true")
 BRINKMAN = (

@@ -1,0 +1,76 @@
+"""Patch tests on distorted meshes of every element: what is linear is exact, and rigid motions are
+free of stress (Irons & Razzaque 1972; Zienkiewicz & Taylor, vol. 1, ch. 9).
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from porofsi_petsc.elements import ELEMENTS, FAMILIES
+from porofsi_petsc.fem.geometry import Rule, geometry
+from porofsi_petsc.kernels import solid
+from porofsi_petsc.materials import ELASTIC
+from porofsi_petsc.materials.law import examples
+from porofsi_petsc.mesh import box, rectangle
+from porofsi_petsc.mesh.topology import boundary_facets, cell_facets
+
+ROUND_OFF = 1e-13  # of sums of a few hundred terms, over the largest of them
+LAWS = [name for name, law in ELASTIC.items() if not law.small_strain]
+
+
+class Block:
+    """A cube of 3 elements along an edge whose inner nodes are moved, curved elements of order 2
+    included.
+    """
+
+    def __init__(self, name):
+        self.element = element = ELEMENTS[name]
+        axis = SimpleNamespace(points=[0.0, 1.0], cells=[3], ratios=None)
+        family = next(cell for cell, elements in FAMILIES.items() if element in elements)
+        make = rectangle if element.dim == 2 else box
+        mesh = make(*[axis] * element.dim, order=element.order, cell_type=family)
+        self.cells = mesh.cells
+        cell, local = boundary_facets(mesh.cells, element)
+        self.inner = np.ones(len(mesh.points), dtype=bool)
+        self.inner[cell_facets(mesh.cells, element)[cell, local]] = False
+        random = np.random.default_rng(41).uniform(-1, 1, mesh.points.shape)
+        self.X = mesh.points + 0.04 * self.inner[:, None] * random
+        # the degree at which ∫ ∂N_a/∂x_i dV is exact on curved elements, d factors dx/dxi or dN/dxi
+        self.geometry = geometry(
+            Rule.of(element, element.dim * max(element.gradient_degree, 1) + element.order),
+            self.X[self.cells],
+        )
+        assert self.geometry.dV.min() > 0
+
+    def stress_residual(self, law, u):
+        """Return the nodal forces, (N, d), and the sum of their parts' sizes."""
+        parts = solid.stress_residual(self.geometry.G, self.geometry.dV, law, u[self.cells])
+        total = np.zeros_like(self.X)
+        np.add.at(total, self.cells, parts)
+        return total, np.abs(parts).sum()
+
+
+@pytest.fixture(scope="module", params=ELEMENTS)
+def block(request):
+    return Block(request.param)
+
+
+@pytest.mark.parametrize("law", ELASTIC)
+def test_a_linear_displacement_is_in_balance_at_inner_nodes(block, law):
+    d = block.element.dim
+    law = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4, **examples(ELASTIC[law]))
+    H = 0.1 * np.random.default_rng(42).standard_normal((d, d))
+    force, size = block.stress_residual(law, block.X @ H.T + 0.3)
+    assert np.abs(force[~block.inner]).max() > 1e-3
+    assert np.abs(force[block.inner]).max() < ROUND_OFF * size
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_rigid_motion_has_no_stress(block, law):
+    d = block.element.dim
+    law = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4, **examples(ELASTIC[law]))
+    Q = np.linalg.qr(np.random.default_rng(43).standard_normal((d, d)))[0]
+    Q[:, 0] *= np.sign(np.linalg.det(Q))
+    force, _ = block.stress_residual(law, block.X @ (Q - np.eye(d)).T + 0.3)
+    assert np.abs(force).max() < ROUND_OFF
