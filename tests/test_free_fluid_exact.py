@@ -2,6 +2,8 @@
 every wall.
 """
 
+from itertools import product
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -13,6 +15,7 @@ from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.phases.transfer import Rates
 
 LAWS = ("harmonic", "linear_elastic", "neo_hookean")
+QUADRILATERAL = ("neo_hookean", "quadrilateral")
 # The top is at rest, so that a uniform pressure has a simple traction there; everything else moves
 # about, elements change to between 0.1 and 2 times their size.
 WILD = (
@@ -24,12 +27,19 @@ WILD = (
 ROUND_OFF = 1e-12
 
 
+def cells(cell_type):
+    """Return the changes that make a mesh of the cells."""
+    diagonal = "alternating" if cell_type == "triangle" else "right"
+    return f"mesh.cell_type={cell_type}", f"mesh.diagonal={diagonal}"
+
+
 @pytest.mark.parametrize("pressure", [0.0, 3.0])
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("law", LAWS)
-def test_a_uniform_flow_stays_uniform_however_the_mesh_moves(law, order, pressure):
+@pytest.mark.parametrize("law, cell_type", [*product(LAWS, ["triangle"]), QUADRILATERAL])
+def test_a_uniform_flow_stays_uniform_however_the_mesh_moves(law, cell_type, order, pressure):
     flow = Flow(2 * y - x, sp.Float(pressure) + 0 * x, WILD)
     options = f"mesh.order={order}", f"mesh_motion.law={law}", "mesh_motion.stiffening=1.0"
+    options += cells(cell_type)
     coupling = solved(flow, *options, "coupling.tolerance=1e-12", disturbance=0.1)
     moved = np.abs(coupling.motion.u).max()
     v = np.abs(coupling.fluid.v - [2, 1]).max()
@@ -80,9 +90,10 @@ def traction(flow, side):
     return functions(flow.traction(side))
 
 
+@pytest.mark.parametrize("cell_type", ["triangle", "quadrilateral"])
 @pytest.mark.parametrize("steady", [True, False])
 def test_poiseuille_is_exact_on_quadratic_elements_with_the_force_on_every_node_of_the_boundary(
-    steady,
+    steady, cell_type
 ):
     """The flow is in the space of the elements, and the force is their residual: no stress is
     recovered, nothing is lost.
@@ -95,7 +106,13 @@ def test_poiseuille_is_exact_on_quadratic_elements_with_the_force_on_every_node_
         "model.moving_mesh=false",
         *scheme,
     )
-    options = *model, "mesh.order=2", "limits.mesh_displacement=report", "coupling.tolerance=1e-12"
+    options = (
+        *model,
+        *cells(cell_type),
+        "mesh.order=2",
+        "limits.mesh_displacement=report",
+        "coupling.tolerance=1e-12",
+    )
     coupling = solved(POISEUILLE, *options, disturbance=0.1)
     fluid = coupling.fluid
     error = {

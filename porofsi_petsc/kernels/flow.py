@@ -155,7 +155,7 @@ def flow_tangent(el, f, c_f, components=None):
 
 
 def _arguments(el, f):
-    """Return the sizes (A, d, affine), elements and fields for a compiled loop."""
+    """Return the sizes (A, d, affine, even), elements and fields for a compiled loop."""
     G = el.geometry.G
     dV = el.geometry.dV
     second = el.second
@@ -177,8 +177,8 @@ def _arguments(el, f):
         nu_lsic=plain(el.nu_lsic),
         tau_u=plain(el.tau_u) if undrained else np.empty((0, 0, 0, 0)),
         nodes=plain(second.rule.element.node_coordinates) if curved else none,
-        hessian=plain(second.rule.hessian) if curved else np.empty((0, 0, 0, 0)),
-        bend=plain(second.bend) if curved else np.empty((0, 0, 0, 0)),
+        hessian=_in_rows(second.rule.hessian) if curved else np.empty((0, 0, 0)),
+        bend=_in_rows(second.bend) if curved else np.empty((0, 0, 0)),
         grad_n=plain(el.grad_n) if graded else np.empty((0, 0, 0)),
         convection=bool(el.convection),
         drag=drag,
@@ -192,7 +192,13 @@ def _arguments(el, f):
     c = f.c if el.convection else unread
     v_s = f.v_s if drag or not el.free else unread
     fields = FlowFields(*map(plain, f._replace(c=c, v_s=v_s, dp=f.dp if undrained else none)))
-    return (*G.shape[2:], G.shape[1] == 1), elements, fields
+    even = not curved or len(second.rule.hessian) == 1
+    return (*G.shape[2:], G.shape[1] == 1, even), elements, fields
+
+
+def _in_rows(array):
+    """Return an array (i, j, k, l) as (i j, k, l), as the loops want it."""
+    return plain(array).reshape(-1, *array.shape[2:])
 
 
 def strong_gradient(el, x):

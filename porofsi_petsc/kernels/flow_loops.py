@@ -5,7 +5,8 @@ d of the volume balance.  The densities A, B and their derivatives by the nodal 
 in the docstring of `flow`.
 
 A nodes, d dimensions, m unknowns per node in the matrix; affine: gradients are constant over an
-element, and G has one point.
+element, and G has one point; even: so are second derivatives by the reference coordinates, and
+hessian and bend have one.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,7 @@ class Elements(NamedTuple):
     """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says
     so.
 
-    nodes (A, d) on the reference cell, hessian (Q', A, d, d) and bend (E, Q', d, d²) of
+    nodes (A, d) on the reference cell, hessian (Q' A, d, d) and bend (E Q', d, d²) of
     `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant; fluctuation: the mean gradient
     is left out of the undrained term
     """
@@ -109,7 +110,7 @@ def new_point(A, d):
 
 
 @inlined
-def set_point(A, d, affine, el, f, e, q, x):
+def set_point(A, d, affine, even, el, f, e, q, x):
     """Set the state at point q of element e: r = ρ (a + c·∇v) + n ∇p + S w - ρ b - div(2 n μ sym
     ∇v).
     """
@@ -137,7 +138,7 @@ def set_point(A, d, affine, el, f, e, q, x):
         _add_drag(A, d, el, f, e, q, x)
     if el.curved:
         _set_pull(A, d, el, x)
-        _subtract_viscous_force(A, d, el, f, e, q, x)
+        _subtract_viscous_force(A, d, even, el, f, e, q, x)
 
 
 @inlined
@@ -189,15 +190,15 @@ def _set_pull(A, d, el, x):
 
 
 @inlined
-def _set_second_derivatives(d, U, gradient, k, el, e, h, x):
+def _set_second_derivatives(d, U, row, gradient, k, el, point, x):
     """Set d²U_k/dx_i dx_j = (d²U_k/dxi_m dxi_n - ∂_r U_k d²x_r/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j,
-    (d, d), of all U (K, d, d); h = q, or 0 where d²x/dxi² is constant.
+    (d, d), of d²U_k/dxi_m dxi_n in a row of U (K, d, d) and bend at a point of all elements.
     """
     for m in range(d):
         for n in range(d):
-            bent = U[k, m, n]
+            bent = U[row, m, n]
             for r in range(d):
-                bent -= gradient[k, r] * el.bend[e, h, r, m * d + n]
+                bent -= gradient[k, r] * el.bend[point, r, m * d + n]
             x.bent[m, n] = bent
     for i in range(d):
         for j in range(i + 1):
@@ -209,28 +210,28 @@ def _set_second_derivatives(d, U, gradient, k, el, e, h, x):
 
 
 @inlined
-def _set_reference_hessian(A, d, el, f, e, h, x):
-    """Set d²v_i/dxi_m dxi_n, (d, d, d) [m/s]."""
+def _set_reference_hessian(A, d, el, f, e, first, x):
+    """Set d²v_i/dxi_m dxi_n, (d, d, d) [m/s], from the rows of the nodes of the hessian."""
     for i in range(d):
         for m in range(d):
             for n in range(d):
                 total = 0.0
                 for a in range(A):
-                    total += el.hessian[h, a, m, n] * f.v[e, a, i]
+                    total += el.hessian[first + a, m, n] * f.v[e, a, i]
                 x.hessian_v[i, m, n] = total
 
 
 @inlined
-def _subtract_viscous_force(A, d, el, f, e, q, x):
+def _subtract_viscous_force(A, d, even, el, f, e, q, x):
     """Subtract div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n] from the residual,
     [N/m³].
     """
     scale = el.mu * el.n[e, q]
-    h = min(q, len(el.hessian) - 1)
-    if q == h:
-        _set_reference_hessian(A, d, el, f, e, h, x)
+    if q == 0 or not even:
+        _set_reference_hessian(A, d, el, f, e, 0 if even else q * A, x)
+    point = e if even else e * len(el.N) + q
     for i in range(d):
-        _set_second_derivatives(d, x.hessian_v, x.grad_v, i, el, e, h, x)
+        _set_second_derivatives(d, x.hessian_v, i, x.grad_v, i, el, point, x)
         for j in range(d):
             x.residual[i] -= scale * x.second[j, j]
             x.residual[j] -= scale * x.second[i, j]
@@ -241,14 +242,14 @@ def _subtract_viscous_force(A, d, el, f, e, q, x):
 
 
 @specialized
-def points_loop(A, d, affine):
+def points_loop(A, d, affine, even):
     """Return the loop that writes the state at all points."""
 
     def loop(el, f, grad_v, grad_p, acceleration, c, w, residual):
         x = new_point(A, d)
         for e in range(len(el.dV)):
             for q in range(len(el.N)):
-                set_point(A, d, affine, el, f, e, q, x)
+                set_point(A, d, affine, even, el, f, e, q, x)
                 for i in range(d):
                     grad_p[e, q, i] = x.grad_p[i]
                     acceleration[e, q, i] = x.acceleration[i]
@@ -262,7 +263,7 @@ def points_loop(A, d, affine):
 
 
 @specialized
-def residual_loop(A, d, affine):
+def residual_loop(A, d, affine, even):
     """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume
     balance one after the other.
     """
@@ -277,7 +278,7 @@ def residual_loop(A, d, affine):
         for e in range(len(terms)):
             terms[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, el, f, e, q, x)
+                set_point(A, d, affine, even, el, f, e, q, x)
                 _set_balances(A, d, el, f, e, q, x, D)
                 if el.mu != 0.0:
                     _set_viscous_stress(d, el, e, q, x, D)
@@ -385,7 +386,7 @@ def _add_undrained(A, d, affine, el, f, e, q, x, terms):
 
 
 @specialized
-def tangent_loop(A, d, affine, m):
+def tangent_loop(A, d, affine, even, m):
     """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of
     the nodes.
     """
@@ -401,8 +402,8 @@ def tangent_loop(A, d, affine, m):
         for e in range(len(K)):
             K[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, el, f, e, q, x)
-                _set_derivatives(A, d, el, e, q, c_f, x, D)
+                set_point(A, d, affine, even, el, f, e, q, x)
+                _set_derivatives(A, d, even, el, e, q, c_f, x, D)
                 add_point(A, d, columns, el.N, q, x.g, flat, e, K)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
@@ -413,7 +414,7 @@ def tangent_loop(A, d, affine, m):
 
 
 @inlined
-def _set_derivatives(A, d, el, e, q, c_f, x, D):
+def _set_derivatives(A, d, even, el, e, q, c_f, x, D):
     """Set the derivatives of the densities times dV by v_bk and p_b: D[0] that of A_i, D[1 + j]
     that of B_ij, rows i <= d.
 
@@ -437,7 +438,7 @@ def _set_derivatives(A, d, el, e, q, c_f, x, D):
             for k in range(d):
                 D[0, i, b, k] = dV * x.strong[i, k]
         if el.curved:
-            _subtract_viscous_tangent(d, el, e, q, b, x)
+            _subtract_viscous_tangent(A, d, even, el, e, q, b, x)
         for i in range(d):
             grad = n * x.g[b, i]
             thrown = viscous * x.g[b, i] + supg * x.residual[i] * N
@@ -482,11 +483,12 @@ def _set_strong(d, el, e, q, b, c_f, x):
 
 
 @inlined
-def _subtract_viscous_tangent(d, el, e, q, b, x):
+def _subtract_viscous_tangent(A, d, even, el, e, q, b, x):
     """Subtract the derivative of div(2 n μ sym ∇v)_i by v_bk."""
     scale = el.mu * el.n[e, q]
-    h = min(q, len(el.hessian) - 1)
-    _set_second_derivatives(d, el.hessian[h], x.g, b, el, e, h, x)
+    row = b if even else q * A + b
+    point = e if even else e * len(el.N) + q
+    _set_second_derivatives(d, el.hessian, row, x.g, b, el, point, x)
     for i in range(d):
         for k in range(d):
             x.strong[i, k] -= scale * x.second[i, k]
