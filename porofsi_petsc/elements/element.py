@@ -17,66 +17,66 @@ class Cell(ABC):
 
     @property
     @abstractmethod
-    def vertices(self):
+    def vertices(self) -> np.ndarray:
         """Return the coordinates of the vertices, (V, dim)."""
 
     @property
     @abstractmethod
-    def edges(self):
+    def edges(self) -> tuple:
         """Return the pairs of vertices of the edges, in VTK's order."""
 
     @property
     @abstractmethod
-    def facet_vertices(self):
+    def facet_vertices(self) -> int:
         """Return the number of vertices of a facet."""
 
     @property
     @abstractmethod
-    def count_in_cube(self):
+    def count_in_cube(self) -> int:
         """Return how many cells of the same volume the unit cube has."""
 
     @property
     @abstractmethod
-    def simplices(self):
+    def simplices(self) -> np.ndarray:
         """Return the vertices of the simplices that the cell is cut into, (S, dim + 1)."""
 
     @property
     @abstractmethod
-    def parts(self):
+    def parts(self) -> list:
         """Return vertices, edges, ... and the cell: their own cell, one vertex (dim,), the legs
         there (k, dim).
         """
 
     @property
-    def centroid(self):
+    def centroid(self) -> np.ndarray:
         """Return the mean of the vertices, (1, dim)."""
         return self.vertices.mean(axis=0, keepdims=True)
 
     @abstractmethod
-    def vertex_functions(self, xi):
+    def vertex_functions(self, xi: np.ndarray) -> np.ndarray:
         """Return the shape functions of order 1, (Q, V), at the points xi, (Q, dim)."""
 
     @property
     @abstractmethod
-    def vertex_gradient(self):
+    def vertex_gradient(self) -> np.ndarray:
         """Return the derivatives of `vertex_functions` at the centroid, (V, dim)."""
 
     @abstractmethod
-    def contains(self, xi, tolerance):
+    def contains(self, xi: np.ndarray, tolerance: float) -> np.ndarray:
         """Return which points xi, (Q, dim), are in the cell, (Q,) bool."""
 
     @abstractmethod
-    def quadrature(self, degree):
+    def quadrature(self, degree: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points (Q, dim) and weights (Q,), exact for shape functions of the degree."""
 
     @abstractmethod
-    def subdivided(self, degree, n):
+    def subdivided(self, degree: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights of the degree on each of the n^dim parts of a line or plane
         cell whose edges are cut into n.
         """
 
     @abstractmethod
-    def shape_tensors(self, vertices):
+    def shape_tensors(self, vertices: np.ndarray) -> np.ndarray:
         """Return A Aᵀ of the maps A from an equilateral cell to cells with vertices (E, V, dim),
         (E, K, dim, dim): where A varies, that at the vertices.
         """
@@ -98,71 +98,71 @@ class Element(ABC):
     facet: "Element | None"
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Return the dimension of the reference cell."""
         return self.cell.dim
 
     @property
-    def n_vertices(self):
+    def n_vertices(self) -> int:
         """Return the number of vertices, which are the first nodes."""
         return len(self.cell.vertices)
 
     @property
-    def nodes(self):
+    def nodes(self) -> int:
         """Return the number of nodes."""
         return self.n_vertices + len(self.supports)
 
     @property
     @abstractmethod
-    def supports(self):
+    def supports(self) -> tuple:
         """Return for each node that is no vertex the vertices in whose middle it is."""
 
     @property
-    def node_coordinates(self):
+    def node_coordinates(self) -> np.ndarray:
         """Return the reference coordinates of the nodes, (A, dim)."""
         vertices = self.cell.vertices
         return np.vstack([vertices, *(vertices[list(s)].mean(axis=0) for s in self.supports)])
 
     @property
-    def facet_corners(self):
+    def facet_corners(self) -> np.ndarray:
         """Return the local vertices of every facet, (facets, vertices of a facet)."""
         return np.array(self.facets)[:, : self.cell.facet_vertices]
 
     @property
     @abstractmethod
-    def is_affine(self):
+    def is_affine(self) -> bool:
         """Return whether gradients are constant over every element, and second derivatives zero."""
 
     @property
     @abstractmethod
-    def gradient_degree(self):
+    def gradient_degree(self) -> int:
         """Return the degree of the gradients, in the meaning of `Cell.quadrature`."""
 
     @property
     @abstractmethod
-    def trace_constant(self):
+    def trace_constant(self) -> float:
         """Return the least C with ∮_f w² dA <= C A/V ∫ w² dV on a facet f of an affine element."""
 
     @abstractmethod
-    def shape(self, xi):
+    def shape(self, xi: np.ndarray) -> np.ndarray:
         """Return N, (Q, A), at the reference points xi, (Q, dim)."""
 
     @abstractmethod
-    def gradient(self, xi):
+    def gradient(self, xi: np.ndarray) -> np.ndarray:
         """Return dN/dxi, (Q, A, dim), at the reference points xi, (Q, dim)."""
 
     @abstractmethod
-    def hessian(self, xi):
+    def hessian(self, xi: np.ndarray) -> np.ndarray:
         """Return d²N/dxi², (Q', A, dim, dim), at the points xi, (Q, dim); Q' = 1 where constant."""
 
     @property
-    def mirror(self):
+    def mirror(self) -> list[int]:
         """Return the numbers of the nodes when the first two reference coordinates are swapped."""
         nodes = self.node_coordinates.tolist()
         return [nodes.index([y, x, *rest]) for x, y, *rest in nodes]
 
 
-def moments(vertices):
+def moments(vertices: np.ndarray) -> np.ndarray:
     """Return the second moments of vertices (E, V, d) about their mean, (E, d, d) [m²]."""
     arms = vertices - vertices.mean(axis=1, keepdims=True)
     return np.swapaxes(arms, 1, 2) @ arms

@@ -43,7 +43,7 @@ SYMMETRIC = {
 
 
 @cache
-def quadrature(dim, degree):
+def quadrature(dim: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Return points, (Q, dim), and weights, (Q,), that integrate polynomials of the degree exactly
     on the unit simplex.
     """
@@ -54,7 +54,7 @@ def quadrature(dim, degree):
 
 
 @cache
-def gauss_product(dim, degree):
+def gauss_product(dim: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Return points, (Q, dim), and weights, (Q,), that integrate polynomials of the degree in each
     coordinate exactly on the unit cube.
     """
@@ -64,7 +64,7 @@ def gauss_product(dim, degree):
     return points, weights.prod(axis=1)
 
 
-def subdivided(dim, degree, n):
+def subdivided(dim: int, degree: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return points and weights of the degree on each of the n^dim parts of a line or triangle
     whose edges are cut into n.
     """

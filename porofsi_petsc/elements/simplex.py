@@ -25,64 +25,64 @@ class Simplex(Cell):
     """The simplex of the origin and the unit vectors."""
 
     @property
-    def vertices(self):
+    def vertices(self) -> np.ndarray:
         """Return the coordinates of the vertices, (dim + 1, dim)."""
         return np.vstack([np.zeros(self.dim), np.eye(self.dim)])
 
     @property
-    def edges(self):
+    def edges(self) -> tuple:
         """Return the pairs of vertices of the edges."""
         return EDGES[self.dim]
 
     @property
-    def facet_vertices(self):
+    def facet_vertices(self) -> int:
         """Return dim."""
         return self.dim
 
     @property
-    def count_in_cube(self):
+    def count_in_cube(self) -> int:
         """Return dim!."""
         return factorial(self.dim)
 
     @property
-    def simplices(self):
+    def simplices(self) -> np.ndarray:
         """Return all vertices as one simplex."""
         return np.arange(self.dim + 1)[None]
 
     @property
-    def parts(self):
+    def parts(self) -> list:
         """Return the simplices of all sets of vertices; see `Cell`."""
         sets = [c for k in range(self.dim + 1) for c in combinations(self.vertices, k + 1)]
         return [(Simplex(len(c) - 1), c[0], np.reshape(c[1:], (-1, self.dim)) - c[0]) for c in sets]
 
     @property
-    def centroid(self):
+    def centroid(self) -> np.ndarray:
         """Return the point of equal barycentric coordinates, (1, dim)."""
         return np.full((1, self.dim), 1 / (self.dim + 1))
 
-    def vertex_functions(self, xi):
+    def vertex_functions(self, xi: np.ndarray) -> np.ndarray:
         """Return the barycentric coordinates of points xi, (Q, dim), (Q, dim + 1)."""
         xi = np.asarray(xi, dtype=float)
         return np.hstack([1 - xi.sum(axis=1, keepdims=True), xi])
 
     @property
-    def vertex_gradient(self):
+    def vertex_gradient(self) -> np.ndarray:
         """Return the derivatives of the barycentric coordinates, (dim + 1, dim)."""
         return np.vstack([-np.ones(self.dim), np.eye(self.dim)])
 
-    def contains(self, xi, tolerance):
+    def contains(self, xi: np.ndarray, tolerance: float) -> np.ndarray:
         """Return which points are in the simplex."""
         return (xi >= -tolerance).all(axis=1) & (xi.sum(axis=1) <= 1 + tolerance)
 
-    def quadrature(self, degree):
+    def quadrature(self, degree: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights that integrate polynomials of the degree exactly."""
         return quadrature(self.dim, degree)
 
-    def subdivided(self, degree, n):
+    def subdivided(self, degree: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights on the parts of a line or triangle."""
         return subdivided(self.dim, degree, n)
 
-    def shape_tensors(self, vertices):
+    def shape_tensors(self, vertices: np.ndarray) -> np.ndarray:
         """Return the second moments of the vertices, which are A Aᵀ times a number."""
         return moments(vertices)[:, None]
 
@@ -91,26 +91,26 @@ class LagrangeSimplex(Element):
     """A triangle or tetrahedron, or a line as a facet."""
 
     @property
-    def supports(self):
+    def supports(self) -> tuple:
         """Return the ends of the edges that have a node in their middle."""
         return self.cell.edges if self.order == 2 else ()
 
     @property
-    def is_affine(self):
+    def is_affine(self) -> bool:
         """Return whether the shape functions are the barycentric coordinates."""
         return self.order == 1
 
     @property
-    def gradient_degree(self):
+    def gradient_degree(self) -> int:
         """Return the degree of the gradients."""
         return self.order - 1
 
     @property
-    def trace_constant(self):
+    def trace_constant(self) -> float:
         """Return (k + 1)(k + d)/d (Warburton & Hesthaven, CMAME 192 (2003) 2765)."""
         return (self.order + 1) * (self.order + self.dim) / self.dim
 
-    def shape(self, xi):
+    def shape(self, xi: np.ndarray) -> np.ndarray:
         """Return N, (Q, A), at the reference points xi, (Q, dim)."""
         L = self.cell.vertex_functions(xi)
         if self.order == 1:
@@ -118,7 +118,7 @@ class LagrangeSimplex(Element):
         edges = [4 * L[:, [a]] * L[:, [b]] for a, b in self.cell.edges]
         return np.hstack([L * (2 * L - 1), *edges])
 
-    def gradient(self, xi):
+    def gradient(self, xi: np.ndarray) -> np.ndarray:
         """Return dN/dxi, (Q, A, dim), at the reference points xi, (Q, dim)."""
         L = self.cell.vertex_functions(xi)
         dL = self.cell.vertex_gradient
@@ -128,7 +128,7 @@ class LagrangeSimplex(Element):
         edge = [4 * (L[:, a, None] * dL[b] + L[:, b, None] * dL[a]) for a, b in self.cell.edges]
         return np.concatenate([vertex, np.stack(edge, axis=1)], axis=1)
 
-    def hessian(self, xi):
+    def hessian(self, xi: np.ndarray) -> np.ndarray:
         """Return d²N/dxi², (1, A, dim, dim), constant over the element."""
         dL = self.cell.vertex_gradient
         if self.order == 1:

@@ -36,27 +36,27 @@ class Cube(Cell):
     """The unit square or cube."""
 
     @property
-    def vertices(self):
+    def vertices(self) -> np.ndarray:
         """Return the coordinates of the vertices, (2^dim, dim)."""
         return np.array(VERTICES[self.dim], dtype=float)
 
     @property
-    def edges(self):
+    def edges(self) -> tuple:
         """Return the pairs of vertices of the edges."""
         return EDGES[self.dim]
 
     @property
-    def facet_vertices(self):
+    def facet_vertices(self) -> int:
         """Return 2^(dim - 1)."""
         return 2 ** (self.dim - 1)
 
     @property
-    def count_in_cube(self):
+    def count_in_cube(self) -> int:
         """Return 1."""
         return 1
 
     @property
-    def simplices(self):
+    def simplices(self) -> np.ndarray:
         """Return Kuhn's subdivision: a simplex for each way along the axes from vertex 0 to the
         opposite one, (dim!, dim + 1).
         """
@@ -71,7 +71,7 @@ class Cube(Cell):
         return np.array(simplices)
 
     @property
-    def parts(self):
+    def parts(self) -> list:
         """Return vertices, edges and the square; see `Cell`."""
         if self.dim != 2:
             raise NotImplementedError("parts of a cube")
@@ -80,32 +80,32 @@ class Cube(Cell):
         lines = [(LINE, x[a], (x[b] - x[a])[None]) for a, b in self.edges]
         return [*points, *lines, (self, x[0], np.eye(2))]
 
-    def vertex_functions(self, xi):
+    def vertex_functions(self, xi: np.ndarray) -> np.ndarray:
         """Return the products of t or 1 - t, (Q, V), at the points xi, (Q, dim)."""
         xi = np.asarray(xi, dtype=float)[:, None]
         return np.where(self.vertices == 1, xi, 1 - xi).prod(axis=2)
 
     @property
-    def vertex_gradient(self):
+    def vertex_gradient(self) -> np.ndarray:
         """Return the derivatives of the `vertex_functions` at the centroid, (V, dim)."""
         return (2 * self.vertices - 1) / self.facet_vertices
 
-    def contains(self, xi, tolerance):
+    def contains(self, xi: np.ndarray, tolerance: float) -> np.ndarray:
         """Return which points are in the cell."""
         return ((xi >= -tolerance) & (xi <= 1 + tolerance)).all(axis=1)
 
-    def quadrature(self, degree):
+    def quadrature(self, degree: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the product of Gauss rules that are exact for the degree in each coordinate."""
         return gauss_product(self.dim, degree)
 
-    def subdivided(self, degree, n):
+    def subdivided(self, degree: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights on n^dim equal parts."""
         points, weights = self.quadrature(degree)
         corners = np.stack(np.meshgrid(*[np.arange(n)] * self.dim), axis=-1).reshape(-1, self.dim)
         parts = np.vstack([corner + points for corner in corners])
         return parts / n, np.tile(weights, len(corners)) / n**self.dim
 
-    def shape_tensors(self, vertices):
+    def shape_tensors(self, vertices: np.ndarray) -> np.ndarray:
         """Return J Jᵀ at the vertices, (E, V, dim, dim), J the derivative of the map of order 1."""
         own = self.vertices
         legs = [own + (1 - 2 * own[:, [i]]) * np.eye(self.dim)[i] for i in range(self.dim)]
@@ -118,7 +118,7 @@ class TensorProduct(Element):
     """A quadrilateral or a hexahedron."""
 
     @property
-    def supports(self):
+    def supports(self) -> tuple:
         """Return the vertices of edges, faces and cell that have a node in their middle."""
         if self.order == 1:
             return ()
@@ -126,30 +126,30 @@ class TensorProduct(Element):
         return (*self.cell.edges, *faces, tuple(range(self.n_vertices)))
 
     @property
-    def is_affine(self):
+    def is_affine(self) -> bool:
         """Return False: the functions have mixed terms."""
         return False
 
     @property
-    def gradient_degree(self):
+    def gradient_degree(self) -> int:
         """Return the degree of the gradients: a derivative leaves that in the other coordinates."""
         return self.order
 
     @property
-    def trace_constant(self):
+    def trace_constant(self) -> float:
         """Return (k + 1)², that of a line (Warburton & Hesthaven, CMAME 192 (2003) 2765)."""
         return (self.order + 1) ** 2
 
-    def shape(self, xi):
+    def shape(self, xi: np.ndarray) -> np.ndarray:
         """Return N, (Q, A), at the reference points xi, (Q, dim)."""
         return self._product(self._on_lines(xi), [0] * self.dim)
 
-    def gradient(self, xi):
+    def gradient(self, xi: np.ndarray) -> np.ndarray:
         """Return dN/dxi, (Q, A, dim), at the reference points xi, (Q, dim)."""
         lines = self._on_lines(xi)
         return np.stack([self._product(lines, row) for row in np.eye(self.dim, dtype=int)], axis=-1)
 
-    def hessian(self, xi):
+    def hessian(self, xi: np.ndarray) -> np.ndarray:
         """Return d²N/dxi², (Q, A, dim, dim), at the reference points xi, (Q, dim)."""
         lines = self._on_lines(xi)
         unit = np.eye(self.dim, dtype=int)

@@ -11,7 +11,7 @@ from ..elements import Element
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A simplex mesh with one region per cell and named facet groups.
+    """A mesh of one element with one region per cell and named facet groups.
 
     points : (N, d) coordinates [m].  cells : (E, A) nodes, positively oriented, VTK node order.
     cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the
