@@ -665,3 +665,54 @@ def test_a_surface_with_common_nodes_is_no_side(tmp_path):
         mesh = shared_mesh(1)
         mesh.facets["wet"] = mesh.facets.pop(INTERFACE)
         check(load_scene(FLAP, (*given(tmp_path / "flap.msh", mesh), sides("wet", "bottom"))))
+
+
+def saddle(element, cells, moved=0.0):
+    """Return the facets, (F, Af), of a hexahedral mesh on the saddle z = 1 + x y/4, and their
+    coordinates.
+
+    moved : of the inner lines, along x; both families of lines stay straight
+    """
+    axes = [axis(0.0, 1.0, cells=[n]) for n in (*cells, 1)]
+    mesh = box(*axes, element.order, cell_type="hexahedron")
+    X = mesh.points.copy()
+    X[:, 0] += moved * X[:, 0] * (1 - X[:, 0]) * (element.order == 1)
+    X[:, 2] += X[:, 2] * X[:, 0] * X[:, 1] / 4
+    nodes, facets = np.unique(mesh.facets["top"], return_inverse=True)
+    facets = facets.reshape(mesh.facets["top"].shape)
+    return facets, X[nodes][facets]
+
+
+@pytest.mark.parametrize("name", ["H8", "H27"])
+def test_bilinear_fields_cross_between_quadrilaterals_of_a_saddle(name):
+    """Both meshes have the saddle itself, and 1, x, y and z on it, whose forces keep their sum and
+    moment.
+    """
+    element = ELEMENTS[name]
+    sides = saddle(element, (3, 2), 0.3), saddle(element, (2, 4))
+    facets, X = zip(*sides, strict=True)
+    projection = SurfaceProjection(element, facets, X)
+    target, source = (np.empty((f.max() + 1, 3)) for f in facets)
+    target[facets[0]], source[facets[1]] = X
+    assert np.abs(projection.project(source) - target).max() < 1e-11  # where Gauss and Newton end
+    force = np.random.default_rng(51).standard_normal(target.shape)
+    spread = projection.transposed(force)
+    assert np.allclose(spread.sum(axis=0), force.sum(axis=0), rtol=0, atol=1e-11)
+    moments = (np.cross(x, f).sum(axis=0) for x, f in ((source, spread), (target, force)))
+    assert np.allclose(*moments, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["H8", "H27"])
+def test_the_closest_point_of_a_saddle_is_no_farther_than_a_thousand_others(name):
+    element = ELEMENTS[name]
+    _, X = saddle(element, (3, 2), 0.3)
+    rng = np.random.default_rng(52)
+    points = rng.uniform(-0.2, 1.2, (40, 3)) * [1, 1, 0.2] + [0, 0, 1.05]
+    facet, N, distance = closest_points(element, X, points)
+    reached = np.einsum("pa,pai->pi", N, X[facet])
+    assert np.allclose(np.linalg.norm(points - reached, axis=1), distance, rtol=1e-12, atol=1e-12)
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 33)] * 2), axis=-1).reshape(-1, 2)
+    others = (element.facet.shape(grid) @ X).reshape(-1, 3)
+    brute = np.linalg.norm(points[:, None] - others, axis=2).min(axis=1)
+    assert np.all(distance <= brute + 1e-12)
+    assert np.all(brute - distance < 0.02)  # the spacing of the grid is 1/64 to 1/100
