@@ -85,9 +85,9 @@ def _graded_steps(end, count, growth, level):
 
 
 def _drained(law, load, *changes):
-    return SceneCase(
-        "drained_column", (f"material.0.solid.law={law}", *_loaded(load), *changes), quick=True
-    )
+    """Return the case of a law's end state, on the way to which inertia is of no account."""
+    fixed = f"material.0.solid.law={law}", "limits.inertia=report"
+    return SceneCase("drained_column", (*fixed, *_loaded(load), *changes), quick=True)
 
 
 def _loaded(load):
