@@ -629,3 +629,11 @@ def test_a_free_fluid_is_by_default_that_of_navier_and_stokes_on_a_mesh_that_fol
         " density=1000.0}}]"
     )
     assert model_of(solid) == (True, True, False, False, False)
+
+
+def test_a_forgotten_viscosity_of_a_free_fluid_is_asked_for():
+    """Without it the walls hold nothing; an ideal fluid is asked for."""
+    ideal = "material.0.fluid={density=1.0}"
+    with pytest.raises(InputError, match="received no viscosity of the free fluid of material.0"):
+        load_scene("cavity", (ideal,))
+    assert load_scene("cavity", (ideal, "model.viscosity=false")).model.viscosity is False

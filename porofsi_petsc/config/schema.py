@@ -127,6 +127,8 @@ class Scene(Table):
     def _complete_model(cls, model: Model, info: ValidationInfo) -> Model:
         if not {"time", "material"} <= info.data.keys():
             return model
+        if "viscosity" not in model.model_fields_set:
+            _require_viscosity(info.data["material"])
         return model.completed(info.data["material"], info.data["time"].scheme == "steady")
 
     @model_validator(mode="after")
@@ -502,6 +504,17 @@ class Scene(Table):
                 raise wrong(
                     f"received '{name}', expected a probe that records u_x and u_y", "figures.paths"
                 )
+
+
+def _require_viscosity(materials):
+    """Refuse a free fluid whose viscosity was forgotten: no wall would hold the flow."""
+    for i, material in enumerate(materials):
+        if material.kind == "fluid" and material.fluid.viscosity is None:
+            raise wrong(
+                f"received no viscosity of the free fluid of material.{i}, expected"
+                f" material.{i}.fluid.viscosity [Pa s], or model.viscosity = false for an ideal"
+                " fluid"
+            )
 
 
 def _renew() -> None:
