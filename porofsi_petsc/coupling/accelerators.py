@@ -19,6 +19,9 @@ Columns = list[list[tuple[np.ndarray, np.ndarray]]]  # of the steps, the newest 
 class Plain:
     """x_{k+1} = F(x_k)."""
 
+    FIRST = 1.0  # factor of the first iteration, where none is given
+    GUARD = (0.0, np.inf)  # smallest and largest factor, where none are given
+
     def __init__(
         self,
         dot: Dot,
@@ -26,8 +29,14 @@ class Plain:
         guard: tuple[float, float] | None = None,
         reuse_steps: int = 0,
     ) -> None:
-        """Take the inner product; nothing is relaxed, guarded or reused."""
-        self._factor = 1.0
+        """Take the inner product, the factor of the first iteration, the smallest and the largest
+        one, and the number of steps to reuse; each scheme looks at those it has a use for.
+        """
+        self._dot = dot
+        self._first = self.FIRST if relaxation is None else relaxation
+        self._guard = self.GUARD if guard is None else guard
+        self._reused = reuse_steps
+        self.restart()
 
     def restart(self) -> None:
         """Forget the history."""
@@ -47,21 +56,17 @@ class Plain:
 
     def next(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the next iterate from x and F = F(x)."""
-        return x + self._factor * (F - x)
+        return x + (F - x)
 
 
 class Constant(Plain):
     """x_{k+1} = x_k + ω (F(x_k) - x_k)."""
 
-    def __init__(
-        self,
-        dot: Dot,
-        relaxation: float | None = None,
-        guard: tuple[float, float] | None = None,
-        reuse_steps: int = 0,
-    ) -> None:
-        """Take the inner product and ω (default 0.5); a constant needs no guard."""
-        self._factor = 0.5 if relaxation is None else relaxation
+    FIRST = 0.5
+
+    def next(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return the next iterate from x and F = F(x)."""
+        return x + self._first * (F - x)
 
 
 class Aitken(Plain):
@@ -73,18 +78,7 @@ class Aitken(Plain):
     error component magnifies the others.
     """
 
-    def __init__(
-        self,
-        dot: Dot,
-        relaxation: float | None = None,
-        guard: tuple[float, float] = (0.05, 1.6),
-        reuse_steps: int = 0,
-    ) -> None:
-        """Take the inner product, the first ω (default 1) and the guard (smallest, largest ω)."""
-        self._dot = dot
-        self._first = 1.0 if relaxation is None else relaxation
-        self._guard = guard
-        self.restart()
+    GUARD = (0.05, 1.6)
 
     def restart(self) -> None:
         """Forget the history."""
@@ -115,20 +109,6 @@ class Anderson(Plain):
 
     DEPTH = 12
     CUTOFF = 1e-12
-
-    def __init__(
-        self,
-        dot: Dot,
-        relaxation: float | None = None,
-        guard: tuple[float, float] | None = None,
-        reuse_steps: int = 0,
-    ) -> None:
-        """Take the inner product and the factor of the first iteration (default 1); the least
-        squares need no guard.
-        """
-        self._dot = dot
-        self._first = 1.0 if relaxation is None else relaxation
-        self.restart()
 
     def restart(self) -> None:
         """Forget the history."""
@@ -175,21 +155,6 @@ class QuasiNewton(Plain):
     # mostly its curvature and the tolerance of the sub-solves; 1e-2 as in the source.
     FILTER = 1e-2
     COLUMNS = 40  # at most; more cost more inner products than the sweeps they save
-
-    def __init__(
-        self,
-        dot: Dot,
-        relaxation: float | None = None,
-        guard: tuple[float, float] | None = None,
-        reuse_steps: int = 0,
-    ) -> None:
-        """Take the inner product, the factor of the first iteration (default 1) and the number of
-        steps to reuse.
-        """
-        self._dot = dot
-        self._first = 1.0 if relaxation is None else relaxation
-        self._reused = reuse_steps
-        self.restart()
 
     def restart(self) -> None:
         """Forget the history."""
