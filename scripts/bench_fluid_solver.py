@@ -155,9 +155,9 @@ def count(case):
     (collective).
     """
     fluid = solve(case, petsc=TO_FIVE_DIGITS + OBSTACLE_SOLVER).fluid
-    iterations = fluid.solver.iterations
+    iterations = fluid.block.solver.iterations
     nodes = fluid.domain.n_nodes
-    fluid.solver.destroy()
+    fluid.block.solver.destroy()
     return nodes, float(np.mean(iterations)), max(iterations)
 
 

@@ -57,10 +57,10 @@ def start_of_fluid(v_order, p_order):
         p_levels.appendleft(fluid.p.copy())
         if v_order != KEEP:
             fluid._v1 = extrapolated(v_levels, v_order)
-            fluid._setup.velocity.apply(fluid._v1, t + scheme.dt)
+            fluid.setup.velocity.apply(fluid._v1, t + scheme.dt)
         if p_order != KEEP:
             fluid._p1 = extrapolated(p_levels, p_order)
-            fluid._setup.pressure.apply(fluid._p1[:, None], t + scheme.alpha_f * scheme.dt)
+            fluid.setup.pressure.apply(fluid._p1[:, None], t + scheme.alpha_f * scheme.dt)
         fluid._update_rates()
 
     return begin_step
@@ -76,7 +76,7 @@ def start_of_solid(order):
         levels.appendleft(solid.u.copy())
         if order != KEEP:
             solid._u1 = extrapolated(levels, order)
-            solid._setup.dirichlet.apply(solid._u1, t + scheme.dt)
+            solid.setup.dirichlet.apply(solid._u1, t + scheme.dt)
             solid._update_rates()
 
     return begin_step

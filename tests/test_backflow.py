@@ -12,6 +12,7 @@ from manufactured import t, x, y
 from running import SCENES, Job, run_here
 
 from porofsi_petsc import load_scene
+from porofsi_petsc.conditions import State
 from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.output.history import read_history
 from porofsi_petsc.phases.transfer import Rates
@@ -94,7 +95,9 @@ def test_tangent():
     error = np.abs(difference - exact).max() / np.abs(exact).max()
     top = fluid.mesh.X[:, 1] > 1 - 1e-9
     term = np.zeros_like(exact)
-    fluid._setup.open_boundaries[0].add_to(term, carrier.displacement, start, start)
+    (place,) = [place for place in fluid.surfaces if place.key.endswith("backflow:top")]
+    state = State(0.0, carrier.displacement, start, start)
+    place.surface.add_to(term, place.condition.residual(state))
     on_top, elsewhere = (np.abs(term[here]).max() for here in (top, ~top))
     print(
         f"derivative {error:.1e}; the term is {on_top:.2g} N on the top, {elsewhere:.1g} N"
@@ -127,14 +130,13 @@ def test_refused_where_it_has_no_meaning(tmp_path):
     """In a porous medium, with the wrong sign, on a solid."""
     with pytest.raises(
         InputError,
-        match=(
-            "received 1 with porous materials, expected an open boundary of a free fluid; leave it"
-        ),
+        match=("received one with porous materials, expected a surface of a free fluid; leave it"),
     ):
         load_scene("column_step", ("boundary.0.backflow=1.0",))
     with pytest.raises(InputError, match="boundary.2.backflow.*received -1"):
         load_scene(str(SCENES / "reversing_channel.toml"), ("boundary.2.backflow=-1.0",))
     with pytest.raises(
-        InputError, match="backflow.*is on the solid, expected a surface of the fluid; leave it out"
+        InputError,
+        match="backflow.*is on the solid, expected a surface of a free fluid; leave it out",
     ):
         run_here(Job(str(SCENES / "piston.toml"), str(tmp_path), ("boundary.0.backflow=1.0",)))

@@ -76,7 +76,7 @@ def test_a_closed_flow_converges_with_the_order_of_its_elements_and_zero_mean_pr
     for cells in {1: (16, 32), 2: (8, 16)}[order]:
         mesh = f"mesh.order={order}", f"mesh.x.cells=[{cells}]", f"mesh.y.cells=[{cells}]"
         coupling = solved(CLOSED, *mesh, *STEADY, *AT_REST)
-        (part,) = coupling.fluid._setup.closed
+        (part,) = coupling.fluid.setup.closed
         assert abs(part.mean(coupling.fluid.p)) < 1e-13
         found.append(errors(CLOSED, coupling, 1.0))
     table = orders(found)

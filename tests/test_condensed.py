@@ -47,7 +47,7 @@ def test_the_answer_is_the_schur_complement_of_the_tangent():
     answer.renew()
     node, component = fluid.interface_unknowns.T
     on = solid.domain.numbering[node] * 2 + component
-    K = solid._matrix.mat[:, :]
+    K = solid.block.matrix.mat[:, :]
     inside = np.setdiff1d(np.arange(len(K)), on)
     schur = K[np.ix_(on, on)] - K[np.ix_(on, inside)] @ np.linalg.solve(
         K[np.ix_(inside, inside)], K[np.ix_(inside, on)]

@@ -19,7 +19,7 @@ from porofsi_petsc.exact import (
     confined_ratio,
 )
 from porofsi_petsc.materials import ELASTIC
-from porofsi_petsc.materials.law import examples
+from porofsi_petsc.registry import examples
 
 LAM, MU, N_S = 8.375e6, 5.583e6, 0.67  # set A of the literature [Pa], [Pa], [-]
 E_C = LAM + 2 * MU

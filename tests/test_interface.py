@@ -150,7 +150,7 @@ def test_what_the_fluid_loses_the_solid_gains(scheme):
     lost = fluid.boundary_force(momentum)
     assert np.array_equal(gained[interface[:n]], lost[interface[:n]])
     assert not gained[~interface[:n]].any() and np.abs(gained.sum(axis=0)).max() > 1e-3
-    held = solid._setup.dirichlet.mask[:n]
+    held = solid.setup.dirichlet.mask[:n]
     reaction = np.where(held, solid_residual.unconstrained, 0.0).sum(axis=0)
     inertia = solid_residual.terms["inertia"].sum(axis=0)
     # the stresses of a body have no sum; the tolerance of the free rows
@@ -163,12 +163,12 @@ def test_slow_sweeps_renew_tangents_once_in_a_step():
     """
     coupling = bent_flap("coupling.accelerator=aitken", "coupling.interface=dirichlet_neumann")
     print(
-        f"{coupling.fluid.assemblies} tangents in three steps, {coupling.iterations} sweeps in the"
-        " last"
+        f"{coupling.fluid.block.assemblies} tangents in three steps,"
+        f" {coupling.iterations} sweeps in the last"
     )
     assert coupling.iterations > 15
     # a new one at the start of a step at most, since the step size stays, and one within it
-    assert coupling.fluid.assemblies == coupling.solid.assemblies <= 6
+    assert coupling.fluid.block.assemblies == coupling.solid.block.assemblies <= 6
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_converged_step_satisfies_the_monolithic_balance(scheme):
     both = own + np.where(
         here[: len(own), None], momentum.unconstrained, 0.0
     )  # tractions on the fluid included
-    free = ~solid._setup.dirichlet.mask[: len(own)] & solid.domain.holds[: len(own), None]
+    free = ~solid.setup.dirichlet.mask[: len(own)] & solid.domain.holds[: len(own), None]
     scales = solid_residual.norms()[1], momentum.norms()[1], volume.norms()[1]
     assert np.linalg.norm(both[free]) < 1e-9 * scales[0]
     assert (

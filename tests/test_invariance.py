@@ -23,15 +23,15 @@ from manufactured import (
 )
 from small_media import MESHES
 from small_media import medium as small_medium
+from surfaces import flux
 
 from porofsi_petsc import load_scene
-from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.phases.fluid import FluidPhase
+from porofsi_petsc.phases.pore_fluid import PoreFluid
 from porofsi_petsc.phases.transfer import Flow, Rates
-from porofsi_petsc.simulation.setups import fluid_setup, materials_of
+from porofsi_petsc.simulation.porous import PorousBuilder
 
 pytestmark = pytest.mark.usefixtures("petsc")
 FLOW = ("model.viscosity=true", "model.convection=true")
@@ -111,18 +111,16 @@ def test_a_uniform_flow_stays_uniform_while_the_mesh_is_shaken(order, rho_inf):
     constants = [lambda time, points, c=c: np.full(len(points), c) for c in UNIFORM]
     outflow = {side: np.dot(normal, UNIFORM) for side, normal in NORMALS.items()}
     setup = replace(
-        fluid_setup(scene, domain, materials_of(scene, mesh), Stopwatch()),
+        PorousBuilder(scene, mesh, Stopwatch(), domain).fluid(),
         velocity=Dirichlet(mesh, 2, entries(NORMALS, constants)),
         fluxes=tuple(
-            SurfaceLoad(
-                mesh, side, {0: lambda time, points, g=outflow[side]: np.full(len(points), g)}
-            )
+            flux(domain, side, lambda time, points, g=outflow[side]: np.full(len(points), g))
             for side in ("left", "bottom", "right")
         ),
         split="plain",
         has_auxiliary=False,
     )
-    fluid = FluidPhase(setup)
+    fluid = PoreFluid(setup)
     fluid.set_initial(np.tile(UNIFORM, (mesh.n_local, 1)), np.zeros(mesh.n_local))
     moved = 0.0
     for time, (_, scheme), rates in steps_to_end(scene):

@@ -10,7 +10,7 @@ from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, solid
 from porofsi_petsc.materials import ELASTIC
-from porofsi_petsc.materials.law import examples
+from porofsi_petsc.registry import examples
 
 
 def elastic(law, lam=1.7, mu=0.8, n_s0=0.4):

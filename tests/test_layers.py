@@ -20,7 +20,10 @@ LAYER = {
 }
 LAYER |= {"fem": 2, "linalg": 2, "mesh": 1, "kernels": 1, "materials": 1, "elements": 1, "exact": 1}
 LAYER |= {
-    "config": 2,
+    "config": 3,
+    "conditions": 2,
+    "registry": 0,
+    "document": 0,
     "clock": 0,
     "errors": 0,
     "log": 0,
@@ -29,9 +32,9 @@ LAYER |= {
     "tensors": 0,
     "compiled": 0,
 }
-# Siblings that may be used inside the same layer: errors and compiled everywhere, elements by the
-# other pure folders.
-SHARED = {"errors", "elements", "tensors", "compiled"}
+# Siblings that may be used inside the same layer: errors, registry and compiled everywhere,
+# elements by the other pure folders.
+SHARED = {"errors", "registry", "elements", "tensors", "compiled"}
 ONLY_IN = {
     "numba": {"compiled"},
     "h5py": {"output"},

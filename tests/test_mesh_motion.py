@@ -77,7 +77,7 @@ def test_the_mesh_is_a_function_of_its_boundary(law, order):
     exact = at(functions(SWING), 0.7, motion.mesh.X)
     print(
         f"P{order} {law}: min J {motion.smallest_ratio:.2f}, back {np.abs(motion.u).max():.1e},"
-        f" {motion.assemblies} matrices"
+        f" {motion.block.assemblies} matrices"
     )
     assert (
         np.abs(on_the_way[boundary] - exact[boundary]).max() < 1e-16
@@ -86,7 +86,7 @@ def test_the_mesh_is_a_function_of_its_boundary(law, order):
     assert np.abs(on_the_way - at_once).max() < (
         1e-15 if law in LINEAR else 1e-11
     )  # tolerance of the nonlinear increments
-    assert (motion.assemblies == 1) == (law in LINEAR)
+    assert (motion.block.assemblies == 1) == (law in LINEAR)
 
 
 @pytest.mark.parametrize("law", LAWS)

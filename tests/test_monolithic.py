@@ -10,8 +10,8 @@ from running import SCENES, Job, history, run_here, run_on, state, summary
 from porofsi_petsc import list_scenes, load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.options import start
-from porofsi_petsc.phases.solid import SolidPhase
-from porofsi_petsc.simulation import setups
+from porofsi_petsc.phases.skeleton import Skeleton
+from porofsi_petsc.simulation import builder
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.simulation import Simulation
 
@@ -124,15 +124,15 @@ def test_a_wrong_split_is_detected(monkeypatch):
     """A loop that ends on residuals of its own, here with one part in a thousand of the drag
     missing, is another solution.
     """
-    terms = SolidPhase._flow_terms
+    terms = Skeleton._flow_terms
 
     def wrong(self, flow):
         correct = terms(self, flow)
         return (
-            correct | {"drag": 0.999 * correct["drag"]} if self._setup.split == "plain" else correct
+            correct | {"drag": 0.999 * correct["drag"]} if self.setup.split == "plain" else correct
         )
 
-    monkeypatch.setattr(SolidPhase, "_flow_terms", wrong)
+    monkeypatch.setattr(Skeleton, "_flow_terms", wrong)
     pair = {"wrong": ("coupling.split=plain",), "direct": PAIR["direct"]}
     differences = largest_differences(end_states("pulse2d", PULSE, **pair))
     assert min(differences[name] for name in ("u", "v_s", "p")) > 1000 * DIFFERENCE, differences
@@ -180,12 +180,12 @@ def solver_iterations(monkeypatch, scene, *overrides):
     whose blocks are iterative too.
     """
     start()
-    monkeypatch.setattr(setups, "is_direct", lambda mesh: False)
+    monkeypatch.setattr(builder, "is_direct", lambda mesh: False)
     loaded = load_scene(scene, (*overrides, "coupling.scheme=direct"))
     coupling = Simulation(loaded, MPI.COMM_SELF).coupling
     schemes, rates = Clock(loaded.time).next_schemes(loaded.model)
     coupling.step(schemes, rates, 0.0, 1)
-    iterations = list(coupling.mixture.solver.iterations)
+    iterations = list(coupling.mixture.block.solver.iterations)
     for block in coupling.blocks.values():
         block.solver.destroy()
     return iterations

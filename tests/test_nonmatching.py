@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from running import SCENES, Job, history, largest_difference, needs_mpirun, run_here, run_on, state
+from surfaces import flux, residual
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.config.geometry import Axis, Region
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.errors import InputError
-from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.fem.closest import closest_points
 from porofsi_petsc.fem.distribute import distribute
+from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.fem.geometry import Rule
 from porofsi_petsc.fem.projection import SurfaceProjection
 from porofsi_petsc.fem.transfer import InterfaceTransfer, Pair
@@ -159,9 +160,10 @@ def test_a_constant_traction_stays_one(dim, order, fluid, solid):
     """
     mesh, transfer = transfer_of_blocks(dim, order, fluid, solid)
     loads = {}
+    domain = Domain(mesh)
     for side in ("fluid", "solid"):
-        loads[side] = np.zeros((mesh.n_owned, 1))
-        SurfaceLoad(mesh, f"wet_{side}", {0: lambda t, x: np.ones(len(x))}).add_to(loads[side], 0.0)
+        one = flux(domain, f"wet_{side}", lambda t, x: np.ones(len(x)))
+        loads[side] = residual(domain, 1, one, 0.0)
     spread = transfer.to_solid(loads["fluid"])
     expected = loads["solid"]
     error = np.abs(spread - expected).max() / expected.max()
@@ -493,7 +495,7 @@ def test_the_initial_state_crosses_too(order, tmp_path):
     scene = load_scene(FLAP, (*given(tmp_path / "flap.msh", flap_mesh(3, 2, order)), initial))
     medium = Simulation(scene, MPI.COMM_SELF).coupling
     mesh = medium.solid.mesh
-    here = medium.fluid._setup.no_slip
+    here = medium.fluid.setup.no_slip
     assert (
         here.sum() == order * 3 * 10 + 1
     )  # 4 + 2 + 4 facets of the flap, cut in three, of some nodes each

@@ -11,9 +11,9 @@ from porofsi_petsc.elements import ELEMENTS, FAMILIES
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.kernels import solid
 from porofsi_petsc.materials import ELASTIC
-from porofsi_petsc.materials.law import examples
 from porofsi_petsc.mesh import box, rectangle
 from porofsi_petsc.mesh.topology import boundary_facets, cell_facets
+from porofsi_petsc.registry import examples
 
 ROUND_OFF = 1e-13  # of sums of a few hundred terms, over the largest of them
 LAWS = [name for name, law in ELASTIC.items() if not law.small_strain]

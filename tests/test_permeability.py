@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from porofsi_petsc.materials import ELASTIC, PERMEABILITY
-from porofsi_petsc.materials.law import examples, parameters
 from porofsi_petsc.materials.porous import PorousMaterial
+from porofsi_petsc.registry import examples, parameters
 
 ROUND_OFF = 1e-14
 # law -> (n_s0, exponent, ((J, k/k0), …)): one state in compression, one in extension

@@ -70,9 +70,9 @@ def test_fluid_tangent_is_the_derivative_of_its_residual(mesh, options):
 
     fluid.renew_tangent(rates, skeleton)
     expected = difference(fluid, residual, [0.3] * d + [1e4])
-    free = ~fluid._setup.mask.ravel()
+    free = ~fluid.setup.mask.ravel()
     pressure = np.tile(np.arange(d + 1) == d, len(free) // (d + 1))
-    assert_blocks_agree(dense(fluid._matrix.mat), expected, free, [~pressure, pressure])
+    assert_blocks_agree(dense(fluid.block.matrix.mat), expected, free, [~pressure, pressure])
 
 
 @pytest.mark.parametrize(
@@ -94,8 +94,10 @@ def test_solid_tangent_is_the_derivative_of_its_residual(mesh, law):
     flow = coupling.fluid.flow()
     solid.renew_tangent(rates)
     expected = difference(solid, lambda: solid.residual(flow).total, [0.02] * solid.mesh.dim)
-    free = ~solid._setup.dirichlet.mask.ravel()
-    assert_blocks_agree(dense(solid._matrix.mat), expected, free, [np.ones(len(free), dtype=bool)])
+    free = ~solid.setup.dirichlet.mask.ravel()
+    assert_blocks_agree(
+        dense(solid.block.matrix.mat), expected, free, [np.ones(len(free), dtype=bool)]
+    )
 
 
 def test_a_term_left_out_of_the_tangent_would_be_seen():
@@ -108,11 +110,11 @@ def test_a_term_left_out_of_the_tangent_would_be_seen():
     fluid.renew_tangent(rates, skeleton)
     m = fluid.components
     n = fluid.mesh.n_owned
-    matrix = dense(fluid._matrix.mat).reshape(n, m, n, m)[:, :3, :, :3].reshape(3 * n, 3 * n)
+    matrix = dense(fluid.block.matrix.mat).reshape(n, m, n, m)[:, :3, :, :3].reshape(3 * n, 3 * n)
     expected = difference(
         fluid, lambda: np.column_stack([r.total for r in fluid.residual(skeleton)]), [0.3, 0.3, 1e4]
     )
-    free = ~fluid._setup.mask[:, :3].ravel()
+    free = ~fluid.setup.mask[:, :3].ravel()
     with pytest.raises(AssertionError):
         assert_blocks_agree(
             matrix,

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from porofsi_petsc.conditions import CONDITIONS
 from porofsi_petsc.config import (
     conditions,
     geometry,
@@ -18,8 +19,8 @@ from porofsi_petsc.config import (
     sections,
 )
 from porofsi_petsc.config.types import Coefficient, Formula, Limit, Scaling, Switch, Tags, Vector
+from porofsi_petsc.document import conditions_document, laws_document
 from porofsi_petsc.materials import ELASTIC, PERMEABILITY
-from porofsi_petsc.materials.document import laws_document
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "scene.md"
 TABLES = {
@@ -137,9 +138,13 @@ def test_every_key_is_documented_with_its_type_and_default(heading):
 
 
 def test_the_document_of_the_laws_is_that_of_the_registries():
-    """Written by scripts/write_laws.py."""
-    expected = laws_document(ELASTIC, PERMEABILITY)
-    assert (DOCUMENT.parent / "laws.md").read_text(encoding="utf-8") == expected
+    """Written by scripts/write_docs.py."""
+    expected = {
+        "laws.md": laws_document(ELASTIC, PERMEABILITY),
+        "surface_conditions.md": conditions_document(CONDITIONS),
+    }
+    for name, text in expected.items():
+        assert (DOCUMENT.parent / name).read_text(encoding="utf-8") == text
 
 
 def test_every_section_has_a_heading():

@@ -206,7 +206,7 @@ def test_variable_porosity_keeps_the_mass_of_the_solid(porosity):
     solids = []
     for medium, *_ in march(settling, 0.1, 1.0):
         skeleton = medium.solid.skeleton()
-        material = medium.solid._setup.materials["body"]
+        material = medium.solid.setup.materials["body"]
         n_s = 1 - material.fluid_fraction(skeleton.configuration.J)
         solids.append((n_s * skeleton.configuration.geometry.dV).sum())
     change = np.abs(np.array(solids) / 0.67 - 1).max()

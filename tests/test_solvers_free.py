@@ -69,7 +69,7 @@ def test_solution_is_that_of_a_factorization(element):
     if not options.has_package("mumps"):
         pytest.skip("PETSc without MUMPS")
     direct, iterative = (solve(case, direct=choice).fluid for choice in (True, False))
-    assert direct.solver.iterations_max == 1 < iterative.solver.iterations_max <= 16
+    assert direct.block.solver.iterations_max == 1 < iterative.block.solver.iterations_max <= 16
     for name in ("v", "p"):
         a = getattr(direct, name)
         b = getattr(iterative, name)
@@ -96,7 +96,7 @@ def test_a_steady_flow_is_solved_no_further_than_newton_leads():
     case = Channel("T10", 3, reynolds=20.0)
     loose, tight = (solve(case, petsc=f"{tol}{OBSTACLE_SOLVER}") for tol in ("", TO_FIVE_DIGITS))
     assert loose.iterations <= tight.iterations + 1
-    assert sum(loose.fluid.solver.iterations) < 0.6 * sum(tight.fluid.solver.iterations)
+    assert sum(loose.fluid.block.solver.iterations) < 0.6 * sum(tight.fluid.block.solver.iterations)
     # the coupling leaves 1e-6 of the forces
     difference = np.abs(loose.fluid.v - tight.fluid.v).max()
     assert difference < 1e-5 * np.abs(tight.fluid.v).max()

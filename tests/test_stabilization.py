@@ -12,7 +12,7 @@ from porofsi_petsc.kernels import stabilization
 from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.parameters import StabilizationParameters
 from porofsi_petsc.phases.transfer import Rates
-from porofsi_petsc.simulation.setups import fluid_setup, materials_of
+from porofsi_petsc.simulation.porous import PorousBuilder
 from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
@@ -83,7 +83,7 @@ def two_triangles(*overrides):
     scene = scene.model_copy(update={"reference": None})  # whose column is another one
     coupling = Simulation(scene, MPI.COMM_SELF).coupling
     domain = coupling.solid.domain
-    setup = fluid_setup(scene, domain, materials_of(scene, domain.mesh), Stopwatch())
+    setup = PorousBuilder(scene, domain.mesh, Stopwatch(), domain).fluid()
     return setup, coupling.solid.accepted_skeleton()
 
 

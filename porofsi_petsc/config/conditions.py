@@ -2,48 +2,124 @@
 what.
 """
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
-from pydantic import Field, Strict
+from pydantic import Field, GetCoreSchemaHandler, Strict, create_model
+from pydantic_core import CoreSchema
 
+from ..conditions import CONDITIONS, SurfaceCondition
+from ..conditions.condition import Kind
 from ..errors import shown
+from ..registry import Parameter, parameters
 from .types import Flag, Formula, Number, Table, Tags, Vector, wrong
 
-VECTORS = ("displacement", "velocity", "traction")
+VECTORS = ("displacement", "velocity")
 
 
 class Boundary(Table):
     """Conditions on tagged surfaces; what is absent is free, and impermeable (v_f.n = v_s.n).
 
-    displacement [m], velocity of the fluid phase [m/s], traction of the mixture per reference area
-    [Pa], pressure [Pa], outward seepage flux n_f w.n [m/s]; no_slip: v_f = v_s in all components;
-    backflow: part of the kinetic energy that convection carries in through an open boundary of a
-    free fluid which a traction takes away again; priority: which entry holds at a node of several.
+    displacement [m], velocity of the fluid phase [m/s], pressure [Pa]; no_slip: v_f = v_s in all
+    components; priority: which entry holds at a node of several.  Each condition of
+    `conditions.CONDITIONS` is one key more, see `boundary_table`.
     """
 
     on: Tags
     displacement: Vector = Vector()
     velocity: Vector = Vector()
-    traction: Vector = Vector()
     pressure: Formula | None = None
-    flux: Formula | None = None
     no_slip: Flag = False
-    backflow: Number = Field(default=0.0, ge=0)
     priority: Annotated[int, Strict()] = 0
 
     def given(self) -> list[str]:
         """Return the names of what this entry prescribes, such as 'displacement.x' and
         'pressure'.
         """
-        names = [
-            f"{name}.{c}"
-            for name in VECTORS
-            for c in "xyz"
-            if getattr(getattr(self, name), c) is not None
-        ]
-        names += [name for name in ("pressure", "flux") if getattr(self, name) is not None]
-        return names + ["no_slip"] * self.no_slip + ["backflow"] * (self.backflow > 0)
+        essential = dict(zip(VECTORS, (self.displacement, self.velocity), strict=True))
+        names = [name for key, vector in essential.items() for name in _components(key, vector)]
+        names += ["pressure"] * (self.pressure is not None) + ["no_slip"] * self.no_slip
+        for key in self.surface_conditions():
+            value = getattr(self, key)
+            names += _components(key, value) if isinstance(value, Vector) else [key]
+        return names
+
+    def surface_conditions(self) -> dict[str, dict[str, Any]]:
+        """Return name -> parameters of the conditions on its surfaces; of a vector component ->
+        formula.
+        """
+        found = {}
+        for name, condition in CONDITIONS.items():
+            value = getattr(self, name)
+            if isinstance(value, Vector):
+                value = dict(_given_components(value)) or None
+            if value is not None and value != _default(condition):
+                found[name] = _arguments(value)
+        return found
+
+
+def _given_components(vector):
+    values = zip("xyz", (vector.x, vector.y, vector.z), strict=True)
+    return [(i, value) for i, (_, value) in enumerate(values) if value is not None]
+
+
+def _components(name, vector):
+    return [f"{name}.{'xyz'[i]}" for i, _ in _given_components(vector)]
+
+
+def _default(condition):
+    """Return the value that says that a condition is not there."""
+    only = parameters(condition).get("value")
+    return only.default if only else None
+
+
+def _arguments(value):
+    if isinstance(value, Table):
+        return {name: getattr(value, name) for name in type(value).model_fields}
+    return {"value": value}
+
+
+def boundary_table() -> type[Boundary]:
+    """Return `Boundary` with a key for each condition that is registered now."""
+    keys: dict[str, Any] = {name: _key(name, of) for name, of in CONDITIONS.items()}
+    return create_model("Boundary", __base__=Boundary, **keys)
+
+
+class WithConditions:
+    """The annotation of an entry [[boundary]]: its table is `boundary_table`, as it is when the
+    schema is made.
+    """
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the schema of the table."""
+        return handler.generate_schema(boundary_table())
+
+
+def _key(name: str, condition: type) -> tuple:
+    """Return type and default of the key of a condition."""
+    found = parameters(condition)
+    if set(found) == {"value"}:
+        return _value_key(found["value"])
+    fields: dict[str, Any] = {key: _entry(entry) for key, entry in found.items()}
+    return create_model(f"Boundary{condition.__name__}", __base__=Table, **fields) | None, None
+
+
+def _value_key(entry: Parameter) -> tuple:
+    kind = _kind(entry)
+    if entry.kind == "vector":
+        return kind, Vector()
+    return (kind | None, None) if entry.default is None else (kind, entry.default)
+
+
+def _entry(entry: Parameter) -> tuple:
+    return _kind(entry), ... if entry.default is None else entry.default
+
+
+def _kind(entry: Parameter) -> Any:
+    number = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
+    return {"number": number, "formula": Formula, "vector": Vector}[entry.kind]
 
 
 class BodyForce(Table):
@@ -75,12 +151,11 @@ def check_boundaries(boundaries: Sequence[Boundary], brinkman: bool, porous: boo
                 "received true, expected false without model.viscosity = true (Darcy)",
                 f"boundary.{i}.no_slip",
             )
-        if boundary.backflow and porous:
-            text = "with porous materials, expected an open boundary of a free fluid; leave it out"
-            raise wrong(f"received {boundary.backflow:g} {text}", f"boundary.{i}.backflow")
+        if porous:
+            _require_porous(boundary, f"boundary.{i}")
         for tag in boundary.on:
             for quantity in boundary.given():
-                for other in (quantity, *(_excluded_by(quantity) if porous else ())):
+                for other in (quantity, *(excluded_by(quantity, "porous") if porous else ())):
                     if (tag, other) in taken:
                         first = f"boundary.{taken[tag, other]}.{other}"
                         text = (
@@ -91,16 +166,58 @@ def check_boundaries(boundaries: Sequence[Boundary], brinkman: bool, porous: boo
                 taken[tag, quantity] = i
 
 
-def _excluded_by(quantity: str) -> list[str]:
-    name, _, component = quantity.partition(".")
-    return {
-        "displacement": [f"traction.{component}"],
-        "traction": [f"displacement.{component}"],
-        "velocity": ["no_slip"],
-        "no_slip": ["velocity.x", "velocity.y", "velocity.z", "pressure", "flux"],
-        "pressure": ["flux", "no_slip"],
-        "flux": ["pressure", "no_slip"],
-    }[name]
+def _require_porous(boundary: Boundary, key: str) -> None:
+    """Refuse a condition that no surface of a porous medium has."""
+    for name in boundary.surface_conditions():
+        condition: type[SurfaceCondition] = CONDITIONS[name]
+        if "porous" not in condition.behind:
+            raise wrong(
+                f"received one with porous materials, expected a surface of a {named(condition)};"
+                f" {condition.otherwise}",
+                f"{key}.{name}",
+            )
+
+
+def named(condition: type[SurfaceCondition]) -> str:
+    """Return what may be behind a condition, in words."""
+    words = {"porous": "porous medium", "solid": "solid", "fluid": "free fluid"}
+    return " or ".join(words[kind] for kind in condition.behind)
+
+
+def excluded_by(quantity: str, kind: Kind) -> list[str]:
+    """Return what may not stand beside a quantity, such as 'displacement.x', on a surface of a
+    kind of material; itself not included.
+    """
+    return [
+        other
+        for pair in _exclusions(kind)
+        for one, other in (pair, pair[::-1])
+        if one == quantity and other != quantity
+    ]
+
+
+def _exclusions(kind: Kind) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of quantities that exclude each other."""
+    if kind == "porous":
+        yield from ((f"velocity.{c}", "no_slip") for c in "xyz")
+        yield "pressure", "no_slip"
+    condition: type[SurfaceCondition]
+    for name, condition in CONDITIONS.items():
+        vector = "value" in (found := parameters(condition)) and found["value"].kind == "vector"
+        for other in condition.excludes.get(kind, ()):
+            if not _has_components(other):
+                yield name, other
+            elif vector:
+                yield from ((f"{name}.{c}", f"{other}.{c}") for c in "xyz")
+            else:
+                yield from ((name, f"{other}.{c}") for c in "xyz")
+
+
+def _has_components(quantity):
+    if quantity in CONDITIONS:
+        only = parameters(CONDITIONS[quantity]).get("value")
+        return only is not None and only.kind == "vector"
+    return quantity in VECTORS
 
 
 def check_expressions(section: Table, dim: int, key: str, position_only: bool = False) -> None:
@@ -115,6 +232,8 @@ def check_expressions(section: Table, dim: int, key: str, position_only: bool = 
                     "received a component in a two-dimensional scene, expected only x and y",
                     f"{key}.{name}.z",
                 )
+            check_expressions(value, dim, f"{key}.{name}", position_only)
+        elif isinstance(value, Table):
             check_expressions(value, dim, f"{key}.{name}", position_only)
         elif hasattr(value, "names"):
             value.key = f"{key}.{name}"

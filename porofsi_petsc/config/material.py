@@ -11,7 +11,7 @@ from pydantic import Field, GetCoreSchemaHandler, create_model, model_validator
 from pydantic_core import CoreSchema
 
 from ..materials import ELASTIC, PERMEABILITY
-from ..materials.law import Parameter, Registry, parameters
+from ..registry import Parameter, Registry, parameters
 from .types import Number, Positive, Table, Tags, wrong
 
 PORE_LAWS = ("xie_leo", "ehlers_eipper")
@@ -70,7 +70,7 @@ def _of_law(table, name, law):
 
 def _key(entry: Parameter) -> tuple:
     """Return type and default of a parameter."""
-    kind = Annotated[Number, Field(gt=entry.above, le=entry.at_most)]
+    kind = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
     return kind, ... if entry.default is None else entry.default
 
 

@@ -5,9 +5,17 @@ from typing import Annotated
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
+from ..conditions import CONDITIONS
 from ..errors import digits, shown
 from ..materials import ELASTIC, PERMEABILITY
-from .conditions import BodyForce, Boundary, Initial, check_boundaries, check_expressions
+from .conditions import (
+    BodyForce,
+    Boundary,
+    Initial,
+    WithConditions,
+    check_boundaries,
+    check_expressions,
+)
 from .geometry import MeshSection
 from .material import Material, check_materials
 from .reference import FLOWS, Reference
@@ -51,7 +59,7 @@ class Scene(Table):
     model: Model = Field(
         default=Model(), validate_default=True
     )  # after what its defaults depend on
-    boundary: Annotated[tuple[Boundary, ...], ListOf()] = ()
+    boundary: Annotated[tuple[Annotated[Boundary, WithConditions()], ...], ListOf()] = ()
     body_force: BodyForce = BodyForce()
     initial: Initial = Initial()
     stabilization: Stabilization = Stabilization()
@@ -80,8 +88,18 @@ class Scene(Table):
         probes = [
             f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities
         ]
-        return probes + [
-            f"{force.name}.f_{axis}" for force in self.force for axis in "xyz"[: self.dim]
+        forces = [f"{force.name}.f_{axis}" for force in self.force for axis in "xyz"[: self.dim]]
+        return probes + forces + self.surface_columns
+
+    @property
+    def surface_columns(self) -> list[str]:
+        """Return those of conditions on surfaces, tag and column."""
+        return [
+            f"{tag}.{column}"
+            for boundary in self.boundary
+            for tag in boundary.on
+            for name in boundary.surface_conditions()
+            for column in CONDITIONS[name].columns
         ]
 
     @property
@@ -218,10 +236,15 @@ class Scene(Table):
                 "model.porosity",
             )
         for i, boundary in enumerate(self.boundary):
-            for name in sorted({"pressure", "flux", "no_slip"} & set(boundary.given())):
-                advice = "prescribe a traction" if name == "pressure" else "prescribe a velocity"
+            advice = {"pressure": "prescribe a traction", "no_slip": "prescribe a velocity"} | {
+                name: CONDITIONS[name].otherwise
+                for name in boundary.surface_conditions()
+                if CONDITIONS[name].behind == ("porous",)
+            }
+            for name in sorted(advice.keys() & set(boundary.given())):
                 raise wrong(
-                    f"received one without porous materials; {advice}", f"boundary.{i}.{name}"
+                    f"received one without porous materials; {advice[name]}",
+                    f"boundary.{i}.{name}",
                 )
 
     def _check_interfaces(self):
@@ -523,5 +546,5 @@ def _renew() -> None:
         table.model_rebuild(force=True)
 
 
-for registry in (ELASTIC, PERMEABILITY):
+for registry in (ELASTIC, PERMEABILITY, CONDITIONS):
     registry.changed.append(_renew)

@@ -11,6 +11,7 @@ from ..phases.residual import Residual
 from ..phases.transfer import Rates
 from .accelerators import Plain
 from .interface import InterfaceMedium, InterfaceSweep
+from .protocols import InterfaceFluid
 
 # Part of the residual that a sweep leaves with tangents that fit: 0.1 to 0.2, that of the motion of
 # the mesh.
@@ -30,6 +31,8 @@ class _CondensedSweep(InterfaceSweep):
     tangent in all three no added mass and no stiffness ratio is left, so nothing is accelerated:
     what remains is the motion of the mesh, and what makes tangents old.
     """
+
+    fluid: InterfaceFluid
 
     def __init__(self, *medium: Any, answer: CondensedSolid) -> None:
         """Take what `Medium` takes, whether tangents are new in every sweep, and the
@@ -72,7 +75,7 @@ class _CondensedSweep(InterfaceSweep):
         """Put the answer of the solid into the matrix of the fluid where one of the tangents is
         new.
         """
-        made = self.solid.assemblies, self.fluid.assemblies
+        made = self.solid.block.assemblies, self.fluid.block.assemblies
         if made == self._made:
             return
         if self._made is None or made[0] != self._made[0]:

@@ -12,12 +12,13 @@ from ..clock import Scheme
 from ..errors import ConvergenceError
 from ..fem.boundary import InterfacePressure
 from ..fem.transfer import InterfaceTransfer
+from ..phases.block import LinearBlock
 from ..phases.residual import Residual
-from ..phases.transfer import Flow, Rates, Skeleton
+from ..phases.transfer import Flow, MeshState, Rates
 from .medium import Medium
 from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium
-from .protocols import Arrays, Block, Memory, Motion
+from .protocols import Arrays, InterfaceFluid, InterfaceSolid, Memory, Motion
 from .robin import Conditions
 
 # Guard of Aitken's factor: under a large added mass the error factors of Dirichlet and Neumann lie
@@ -37,6 +38,9 @@ class InterfaceMedium(Medium):
     the monolithic system), its predicted one (weak: staggered, the force comes once) or nothing
     (one-way).  Each step ends when all residuals are small.
     """
+
+    solid: InterfaceSolid
+    fluid: InterfaceFluid
 
     def __init__(
         self,
@@ -63,19 +67,19 @@ class InterfaceMedium(Medium):
         self._of_solid = self.solid.domain.holds[:, None]
 
     @property
-    def blocks(self) -> dict[str, Block]:
-        """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
-        return super().blocks | {"mesh": self.motion}
+    def blocks(self) -> dict[str, LinearBlock]:
+        """Return the linear blocks by name."""
+        return super().blocks | {"mesh": self.motion.block}
 
-    def carrier(self) -> Skeleton:
+    def carrier(self) -> MeshState:
         """Return the trial state of the mesh."""
         return self.motion.skeleton()
 
-    def accepted_carrier(self) -> Skeleton:
+    def accepted_carrier(self) -> MeshState:
         """Return the accepted state of the mesh."""
         return self.motion.accepted_skeleton()
 
-    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> Skeleton:
+    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return the mesh at a displacement and a velocity, both (n_local, d)."""
         return self.motion.skeleton_at(u, v)
 
@@ -106,7 +110,7 @@ class InterfaceMedium(Medium):
         """Return the accepted velocity of solid and mesh, (n_local, d) [m/s]."""
         return np.where(self._of_solid, self.solid.v, self.motion.v)
 
-    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
+    def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         self.motion.begin_step(self.solid.scheme, t)
         self.motion.follow(self.solid.end_displacement)
         super()._begin(t, rates, accepted)
@@ -189,13 +193,16 @@ class _Sweep(InterfaceSweep):
     interface alone, of which all else is a function.
     """
 
+    solid: InterfaceSolid
+    fluid: InterfaceFluid
+
     def __init__(self, *medium: Any, conditions: Conditions) -> None:
         """Take what `PartitionedMedium` takes and the `coupling.robin.Conditions`."""
         super().__init__(*medium)
         self._conditions, self._rows = conditions, self.solid.domain.nodes
         self._both = bool(self.solid.domain.n_nodes and self.fluid.domain.n_nodes)
 
-    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
+    def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         self._conditions.prepare(self.fluid, self.solid, rates)
         super()._begin(t, rates, accepted)
 

@@ -14,10 +14,11 @@ from mpi4py import MPI
 from ..clock import Scheme
 from ..errors import ConvergenceError
 from ..linalg.solver import LinearSolver
+from ..phases.block import LinearBlock
 from ..phases.residual import Residual, euclidean_norms
-from ..phases.transfer import Flow, Rates, Skeleton
+from ..phases.transfer import Flow, MeshState, Rates
 from .convergence import Convergence
-from .protocols import Arrays, Block, Fluid, Memory, Solid
+from .protocols import Arrays, Fluid, Memory, Solid
 
 FIELDS = ("fluid momentum", "volume", "solid momentum")
 
@@ -116,7 +117,7 @@ class Medium:
         self.reset()
         raise self.convergence.failure(t, step, self.advice)
 
-    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
+    def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         """Make the scheme ready for the iterations of a step."""
         raise NotImplementedError
 
@@ -149,15 +150,15 @@ class Medium:
         }
         return norms, next(found), dict(zip(cancelling, found, strict=True))
 
-    def carrier(self) -> Skeleton:
+    def carrier(self) -> MeshState:
         """Return what carries the fluid in the trial state."""
         return self.solid.skeleton()
 
-    def accepted_carrier(self) -> Skeleton:
+    def accepted_carrier(self) -> MeshState:
         """Return what carries the fluid in the accepted state."""
         return self.solid.accepted_skeleton()
 
-    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> Skeleton:
+    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return what carries the fluid at a displacement and a velocity, both (n_local, d)."""
         return self.solid.skeleton_at(u, v)
 
@@ -198,9 +199,9 @@ class Medium:
             phase.expire_tangent()
 
     @property
-    def blocks(self) -> dict[str, Block]:
-        """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
-        return {"solid": self.solid, "fluid": self.fluid}
+    def blocks(self) -> dict[str, LinearBlock]:
+        """Return the linear blocks by name."""
+        return {"solid": self.solid.block, "fluid": self.fluid.block}
 
     @property
     def solvers(self) -> list[LinearSolver]:

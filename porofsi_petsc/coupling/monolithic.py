@@ -5,10 +5,11 @@ tangents (quasi-direct, direct).
 from mpi4py import MPI
 
 from ..linalg.solver import LinearSolver
+from ..phases.block import LinearBlock
 from ..phases.residual import Residual
-from ..phases.transfer import Rates, Skeleton
+from ..phases.transfer import MeshState, Rates
 from .medium import Medium
-from .protocols import Block, Fluid, Mixture, Solid
+from .protocols import Fluid, Mixture, Solid
 
 
 class MonolithicCoupling(Medium):
@@ -30,21 +31,23 @@ class MonolithicCoupling(Medium):
         self.mixture = mixture
 
     @property
-    def blocks(self) -> dict[str, Block]:
-        """Return what assembles and solves, name -> object with `solver` and `assemblies`."""
-        return super().blocks | {"mixture": self.mixture}
+    def blocks(self) -> dict[str, LinearBlock]:
+        """Return the linear blocks by name."""
+        return super().blocks | {"mixture": self.mixture.block}
 
     @property
     def solvers(self) -> list[LinearSolver]:
         """Return the mixture's solver, whose time contains those of the phases."""
-        return [self.mixture.solver] if self.mixture.solver else []
+        solver = self.mixture.block.solver
+        return [solver] if solver else []
 
-    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
+    def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         """Start every step of a nonlinear problem with a new preconditioner, since a restart has no
         other.
         """
-        if self.mixture.solver and not (self.solid.is_linear and self.fluid.is_linear):
-            self.mixture.solver.refactor()
+        solver = self.mixture.block.solver
+        if solver and not (self.solid.is_linear and self.fluid.is_linear):
+            solver.refactor()
 
     def _iterate(
         self,

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from ..clock import Scheme
 from ..phases.tangent import Travel
-from ..phases.transfer import Rates, Skeleton
+from ..phases.transfer import MeshState, Rates
 from .accelerators import Anderson, Plain, QuasiNewton
 from .medium import Medium
 from .protocols import Arrays, Fluid, Memory, Solid
@@ -80,7 +80,7 @@ class PartitionedMedium(Medium):
             alternatives["tangents"] = 'coupling.tangent = "newton"'
         return alternatives | {"scheme": 'coupling.scheme = "direct"'}
 
-    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
+    def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         self._accelerator.begin_step()
         self._renewed_at = 0
         if self._travel:

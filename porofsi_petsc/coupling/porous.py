@@ -3,8 +3,9 @@
 import numpy as np
 
 from ..phases.residual import Residual
-from ..phases.transfer import Rates, Skeleton
+from ..phases.transfer import MeshState, Rates
 from .partitioned import PartitionedMedium
+from .protocols import PoreFluid
 
 # Guards of Aitken's factor by split.  The corrected split's error factors lie between -1/2 and 1/2
 # for every Poisson ratio (`kernels.solid.volumetric_compliance`), for which 1/(1 + 1/2) to 1/(1 -
@@ -24,7 +25,9 @@ class PorousCoupling(PartitionedMedium):
     (measured: else IQN-ILS, which reuses old answers, takes one sweep more).
     """
 
-    def _begin(self, t: float, rates: Rates, accepted: Skeleton) -> None:
+    fluid: PoreFluid
+
+    def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         super()._begin(t, rates, accepted)
         self._weights: np.ndarray | None = None
 

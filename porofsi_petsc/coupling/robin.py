@@ -10,7 +10,7 @@ import numpy as np
 
 from ..fem.boundary import InterfaceMass
 from ..phases.transfer import Rates
-from .protocols import Fluid, Solid
+from .protocols import InterfaceFluid, InterfaceSolid
 
 # α_f over the impedance S_s of a layer that moves as a whole, the smallest of all waves.  The error
 # factor of Robin-Neumann is S_f/S_s |S_s - α_f|/(S_f + α_f): with 3/2 below 1/2 for these waves,
@@ -97,7 +97,7 @@ class Conditions:
             return None
         return 2 / (2 + self._interface.mass_ratio)
 
-    def prepare(self, fluid: Fluid, solid: Solid, rates: Rates) -> None:
+    def prepare(self, fluid: InterfaceFluid, solid: InterfaceSolid, rates: Rates) -> None:
         """Set the coefficients of both phases for a step with these rates."""
         if self.name not in ("robin_neumann", "robin_robin"):
             return
@@ -110,7 +110,7 @@ class Conditions:
             alpha = fluid_impedance(this.rho_f, sqrt(this.extent * this.facet) / pi, rates)
             solid.robin_coefficient = min(alpha, TANGENTIAL * fluid.robin_coefficient)
 
-    def pull(self, fluid: Fluid, solid: Solid) -> np.ndarray:
+    def pull(self, fluid: InterfaceFluid, solid: InterfaceSolid) -> np.ndarray:
         """Return α_s M (v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told the
         velocity takes it.
         """

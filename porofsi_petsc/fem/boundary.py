@@ -1,125 +1,18 @@
-"""Boundary data on the facets of a rank: surface loads, open boundaries, interfaces."""
+"""Integrals on the facets of a rank: interfaces, surfaces where a field vanishes weakly."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..kernels.surface import (
-    backflow_residual,
-    backflow_tangent,
     facet_normal,
     pressure_load,
-    surface_load,
     surface_mass,
     weak_zero,
 )
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 from ..tensors import inverse
 from .geometry import Rule
-
-
-class SurfaceLoad:
-    """A vector of nodal loads ∮ N_a t dA from expressions per component on one tagged surface of
-    the reference configuration.
-    """
-
-    def __init__(self, mesh, tag, expressions):
-        """Prepare the facets; expressions : dict component -> expression(t, x), units of the load
-        per reference area.
-        """
-        facet = mesh.element.facet
-        self._rule = Rule.of(facet, 2 * mesh.element.order + 1)
-        self.nodes = mesh.facets[tag].nodes
-        coordinates = mesh.X[self.nodes]
-        self._dA = np.linalg.norm(
-            facet_normal(self._rule.dN, self._rule.weights, coordinates), axis=-1
-        )
-        self._points = (self._rule.N @ coordinates).reshape(-1, mesh.dim)
-        self._expressions = expressions
-        self._n_owned = mesh.n_owned
-
-    def add_to(self, loads, t):
-        """Add the loads at time t to a field (n_owned, k)."""
-        owned = self.nodes < self._n_owned
-        for component, nodal in self.on_facets(t):
-            loads[:, component] += np.bincount(
-                self.nodes[owned], weights=nodal[owned], minlength=self._n_owned
-            )
-
-    def on_facets(self, t):
-        """Yield (component, loads at time t on the nodes of every facet, (F, Af))."""
-        for component, expression in self._expressions.items():
-            values = expression(t, self._points).reshape(self._dA.shape)
-            yield component, surface_load(self._rule.N, self._dA, values[..., None])[..., 0]
-
-
-class OpenBoundary:
-    """Facets of a free fluid on which what flows in brings no kinetic energy along:
-    `kernels.surface.backflow_residual`.
-    """
-
-    def __init__(self, domain, tag, beta, density):
-        """Prepare the facets of a tag; beta [-], density : region -> ρ_f [kg/m³]."""
-        mesh = domain.mesh
-        facets = domain.mesh.facets[tag]
-        behind = np.flatnonzero(domain.row_of_cell[facets.cells] >= 0)
-        cells = facets.cells[behind]
-        self._rows = domain.row_of_cell[cells]
-        self._local = np.array(domain.element.facets)[facets.local[behind]]
-        self.nodes = domain.cells[self._rows[:, None], self._local]
-        self._beta = beta
-        self._rho = np.array([density[name] for name in mesh.regions])[
-            mesh.cell_region[cells], None
-        ]
-        self._rule = Rule.of(
-            mesh.element.facet, 3 * mesh.element.order
-        )  # exact on flat facets while all of one flows in
-        self._mesh = mesh
-
-    def add_to(self, loads, displacement, v, c):
-        """Add the residual's traction to a field (n_owned, d); displacement of the mesh, v and c
-        (n_local, d).
-        """
-        vectors = self.on_facets(displacement, v, c)
-        owned = self.nodes < self._mesh.n_owned
-        np.add.at(loads, self.nodes[owned], vectors[owned])
-
-    def on_facets(self, displacement, v, c):
-        """Return the residual's traction on the nodes of every facet, (F, Af, d)."""
-        here = slice(None)
-        return backflow_residual(*self._data(here, displacement), *self._traces(here, v, c))
-
-    def add_tangent(self, K, chunk, displacement, v, c):
-        """Add the derivative by v to the tangents (E, A, m, A, m) of a slice of the elements."""
-        here = np.flatnonzero((self._rows >= chunk.start) & (self._rows < chunk.stop))
-        tangent = backflow_tangent(*self._data(here, displacement), *self._traces(here, v, c))
-        local = self._local[here]
-        i = np.arange(self._mesh.dim)
-        rows = (self._rows[here] - chunk.start)[:, None, None, None, None]
-        np.add.at(
-            K,
-            (
-                rows,
-                local[:, :, None, None, None],
-                i[:, None, None],
-                local[:, None, None, :, None],
-                i,
-            ),
-            tangent,
-        )
-
-    def _data(self, here, displacement):
-        """Return N, normals, ρ and β of some facets."""
-        nodes = self.nodes[here]
-        normal = facet_normal(
-            self._rule.dN, self._rule.weights, self._mesh.X[nodes] + displacement[nodes]
-        )
-        return self._rule.N, normal, self._rho[here], self._beta
-
-    def _traces(self, here, *fields):
-        """Return nodal values (n_local, d) on the nodes of some facets, (F, A, d) each."""
-        return [field[self.nodes[here]] for field in fields]
-
 
 # Penalty of Nitsche's method over the bound of the trace inequality, `Element.trace_constant`: on a
 # simplex of order k (k + 1)(k + d)/d A/V.  The exact one is n·M⁻¹n of the mass behind

@@ -224,7 +224,7 @@ class Configuration:
     second : `SecondDerivatives` on the same rule, or None where they vanish or are not needed
     """
 
-    geometry: object
+    geometry: Geometry
     J: np.ndarray
     second: SecondDerivatives | None
 

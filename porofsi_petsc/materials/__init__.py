@@ -2,6 +2,7 @@
 `register` in a script.
 """
 
+from ..registry import Registry, parameter
 from .contract import check_elastic
 from .elastic import (
     EhlersEipper,
@@ -14,7 +15,6 @@ from .elastic import (
     XieLeo,
 )
 from .from_energy import FromEnergy
-from .law import Registry, parameter
 from .mooney_rivlin import MooneyRivlin
 from .permeability import PERMEABILITY, PermeabilityLaw
 

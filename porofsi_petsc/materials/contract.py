@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .law import examples
+from ..registry import examples
 
 LAM, MU, N_S = 1.7, 0.8, 0.4
 STRAIN = 0.02  # of the states that are looked at: far from what a law may refuse

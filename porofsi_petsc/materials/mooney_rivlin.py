@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..registry import parameter
 from ..tensors import transpose
 from .elastic import ElasticLaw, deformation
 from .from_energy import invariants
-from .law import parameter
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..registry import Registry, parameter
 from .contract import check_permeability
-from .law import Registry, parameter
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,12 @@ class CondensedSolid:
 
     @property
     def stiffness(self):
-        """Return S, in the order of the ranks and of `FluidPhase.interface_unknowns` on each."""
+        """Return S, in the order of the ranks and of `FreeFluid.interface_unknowns` on each."""
         return self._stiffness
 
     def renew(self):
         """Condense the present tangent of the solid (collective)."""
-        if not self._solid.solver.direct:
+        if not self._solid.block.solver.direct:
             raise InputError(
                 'coupling.interface = "condensed": received an iterative solver of the solid,'
                 " expected a factorization; leave out the options -solid_… or take"

@@ -1,36 +1,38 @@
-"""The interstitial fluid: stabilized equal-order velocity and pressure in ALE description, its own
-KSP, its own state.
+"""A fluid: stabilized equal-order velocity and pressure in ALE description, its own KSP, its own
+state.
 """
 
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from ..clock import at_end
-from ..kernels import exchange, shape
+from ..clock import Scheme, at_end
+from ..conditions import Slope, State
 from ..kernels import flow as kernel
-from ..kernels.solid import displacement_gradient, volumetric_compliance
-from ..linalg.dense_block import DenselyCoupled
+from ..linalg.low_rank import Coupled, padded
+from ..linalg.matrix import ElementMatrix
+from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
+from .block import LinearBlock
 from .flow_fields import NodalFlow
 from .loads import body_acceleration
 from .parameters import StabilizationParameters
-from .pressure_operators import PressureOperators
 from .residual import Residual
+from .setup import FluidSetup
+from .surface_terms import SurfaceTerms
 from .tangent import TangentRule
-from .transfer import Flow
+from .transfer import Flow, MeshState, Rates
 
 # change of the volume ratio after which a lagged tangent is renewed within a step
 VOLUME_CHANGE = 0.02
+BY_VELOCITY = Slope(0.0, 1.0)
 
 
 class FluidPhase:
     """Solve momentum and volume balance for the phase velocity v_f and the pressure p on the mesh
-    that the skeleton carries.
-
-    `force` is that on the boundary of a free fluid at the end of the accepted step, `_force0` the
-    collocated one.
+    that the skeleton carries; `PoreFluid` and `FreeFluid` have their own terms.
 
     Arrays with ghosts: `v`, `a` (n_local, d), `p` (n_local,) at the end of the accepted step;
     `_v1`, `_a1` of the trial step. The pressure has no rate: its unknown `_p1` is the value on the
@@ -41,44 +43,41 @@ class FluidPhase:
 
     prefix = "fluid_"
 
-    def __init__(self, setup):
-        """Take a `phases.setup.FluidSetup`: domain, materials, boundary data, options of the model
-        and of the solver.
+    def __init__(self, setup: FluidSetup) -> None:
+        """Take domain, materials, boundary data, options of the model and of the solver
+        (collective).
         """
-        self._setup = setup
+        self.setup = setup
         self.domain = setup.domain
         self.mesh = setup.domain.mesh
         self.stopwatch = setup.stopwatch
         self.v, self.a = (np.zeros((self.mesh.n_local, self.mesh.dim)) for _ in range(2))
         self.p, self._p0 = np.zeros(self.mesh.n_local), np.zeros(self.mesh.n_local)
-        self.force, self._force0 = (np.zeros((self.mesh.n_owned, self.mesh.dim)) for _ in range(2))
         # time from the level of _p0 to the accepted end of step [s]; None: no line through _p0
-        self._p0_age = None
+        self._p0_age: float | None = None
+        self._t_alpha = 0.0  # of the collocation level of the trial step [s]
         self._rule = TangentRule(self.is_linear)
-        self._matrix = self._solver = self._pressure = self._carrying = None
         self._parameters = StabilizationParameters(setup)
-        self.robin_coefficient = 0.0  # α of a Robin condition [Pa s/m]
-        self.assemblies = 0
+        self.surfaces = SurfaceTerms(self.mesh.n_owned, self.mesh.dim, setup.surfaces)
+        self.block = LinearBlock(setup, self.prefix, setup.solver_mask, self._new_solver)
         self.reset()
 
     @property
-    def setup(self):
-        """Return the `phases.setup.FluidSetup`."""
-        return self._setup
-
-    @property
-    def is_linear(self):
+    def is_linear(self) -> bool:
         """Return whether the tangent depends on nothing but the rates."""
-        return not (self._setup.convection or self._setup.moving_mesh)
+        return not (self.setup.convection or self.setup.moving_mesh)
 
     @property
-    def components(self):
-        """Return the unknowns per node in the matrix: v, p and, with inertia in the corrected
-        split, the auxiliary field s.
-        """
-        return self.mesh.dim + 1 + self._setup.has_auxiliary
+    def components(self) -> int:
+        """Return the unknowns per node in the matrix."""
+        return self.setup.mask.shape[1]
 
-    def set_initial(self, velocity, pressure=0.0, balanced=False):
+    def _new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+        raise NotImplementedError
+
+    def set_initial(
+        self, velocity: np.ndarray, pressure: np.ndarray | float = 0.0, balanced: bool = False
+    ) -> None:
         """Set velocity (n_local, d) and pressure (n_local,) at the start; what is prescribed comes
         with the first step.
 
@@ -93,48 +92,54 @@ class FluidPhase:
 
     # -- one step ----------------------------------------------------------------------------------
 
-    def begin_step(self, scheme, rates, t, skeleton):
+    def begin_step(self, scheme: Scheme, rates: Rates, t: float, skeleton: MeshState) -> None:
         """Start a step from the accepted level at time t and the accepted skeleton: predictor,
         essential values, parameters.
         """
         self.scheme = scheme
-        t_alpha = t + scheme.alpha_f * scheme.dt
+        self._t_alpha = t + scheme.alpha_f * scheme.dt
         self._t_end = t + scheme.dt
-        for part in self._setup.closed:
-            part.begin_step(t, self._t_end)
-            if not self._setup.moving_mesh:
-                part.require_balanced_data(self._t_end)
-        self._v1 = scheme.predict(self.v, self.a, self.a) if self._setup.inertia else self.v.copy()
+        self._begin(t, skeleton)
+        self._v1 = scheme.predict(self.v, self.a, self.a) if self.setup.inertia else self.v.copy()
         self._p1 = self.p.copy()
-        self._setup.velocity.apply(self._v1, t + scheme.dt)
-        self._setup.pressure.apply(self._p1[:, None], t_alpha)
+        self.setup.velocity.apply(self._v1, t + scheme.dt)
+        self._prescribe_pressure(self._p1, self._t_alpha)
         self._update_rates()
-        self._traction = np.zeros((self.mesh.n_owned, self.mesh.dim))
-        self._flux = np.zeros((self.mesh.n_owned, 1))
-        for load in self._setup.loads:
-            load.add_to(self._traction, t_alpha)
-        for load in self._setup.fluxes:
-            load.add_to(self._flux, t_alpha)
-        b = self._setup.body_force
-        self._b = body_acceleration(self.domain, b, t_alpha) if b else self._no_body
+        self.surfaces.begin_step(scheme, t, self._state(skeleton, self.v, self.v, self.p))
+        b = self.setup.body_force
+        self._b = body_acceleration(self.domain, b, self._t_alpha) if b else self._no_body
         self._rates = rates
         self._parameters.update(self.scheme.dt, rates, skeleton, self.v)
-        if self._setup.porous:
-            self._weigh_drag(skeleton)
+
+    def _begin(self, t: float, skeleton: MeshState) -> None:
+        """Start what the model has of its own."""
+
+    def _prescribe_pressure(self, p: np.ndarray, t: float) -> None:
+        """Set prescribed pressures in a field (n_local,)."""
+
+    def _levelled(self, p: np.ndarray) -> np.ndarray:
+        """Return a pressure (n_local,) with its level, where the balances leave it open
+        (collective).
+        """
+        return p
+
+    def _state(self, skeleton, v, c, p):
+        """Return what conditions on surfaces see at the time of collocation."""
+        return State(self._t_alpha, skeleton.displacement, v, c, p)
 
     def _update_rates(self):
-        if self._setup.inertia:
+        if self.setup.inertia:
             self._a1, _ = self.scheme.rates(self._v1, self.v, self.a, self.a)
 
     def _level(self, old, new):
         return old + self.scheme.alpha_f * (new - old)
 
-    def flow(self):
+    def flow(self) -> Flow:
         """Return what the solid needs of the trial state on the collocation level."""
         return Flow(self._level(self.v, self._v1), self._p1)
 
     @property
-    def unknowns(self):
+    def unknowns(self) -> np.ndarray:
         """Return the trial velocity (end of step) and pressure (collocation level) on the owned
         nodes, (n_owned, d + 1).
         """
@@ -142,7 +147,7 @@ class FluidPhase:
         return np.column_stack([self._v1[:n], self._p1[:n]])
 
     @unknowns.setter
-    def unknowns(self, owned):
+    def unknowns(self, owned: np.ndarray) -> None:
         n = self.mesh.n_owned
         d = self.mesh.dim
         both = np.empty((self.mesh.n_local, d + 1))
@@ -152,135 +157,28 @@ class FluidPhase:
         self._p1 = np.ascontiguousarray(both[:, d])
         self._update_rates()
 
-    def follow(self, skeleton):
+    def follow(self, skeleton: MeshState) -> None:
         """Give the nodes of no-slip walls the skeleton's velocity."""
-        wall = self._setup.no_slip
-        if self._setup.has_no_slip:
+        wall = self.setup.no_slip
+        if self.setup.has_no_slip:
             self._v1[wall] = skeleton.end_velocity[wall]
             self._update_rates()
 
-    def unbalanced(self, momentum):
-        """Return what the momentum residual adds to the skeleton's, (n_owned, d) [N]; nothing in
-        the plain split.
+    def drag_scale(self, skeleton: MeshState, rates: Rates) -> np.ndarray | float:
+        """Return nodal forces, (n_owned, d) [N], whose round-off the drag has; 0 without any."""
+        return 0.0
 
-        Their sum is the balance of the mixture, in which the drag cancels.
-        """
-        return momentum.total if self._setup.split == "corrected" else 0.0
-
-    def drag_scale(self, skeleton, rates):
-        """Return the nodal forces S max(|v_f|, c_v |u|), (n_owned, d) [N], whose round-off v_f -
-        v_s has; 0 in a free fluid.
-
-        v_s is a difference of displacements, whose digits it loses where a deformed skeleton hardly
-        moves any more.
-        """
-        if not self._setup.porous:
-            return 0.0
-        n = self.mesh.n_owned
-        v_f = self._level(self.v, self._v1)[:n]
-        u = skeleton.displacement[:n]
-        return self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
-
-    def cancelling(self, skeleton, rates):
-        """Return field -> what cancels inside the terms of a free fluid, (n_owned,); a uniform flow
-        has nothing else.
-
-        Per element of volume V, with g = Σ_a |∇N_a| and c = v_f - v_m: V g |v_f| in ∫ q div v and V
-        |v_f| (ρ c_f + ρ |c| g + μ g²) in the momentum, each in equal parts to its nodes.
-        """
-        if self._setup.porous:
-            return {}
-        domain = self.domain
-        v = self._level(self.v, self._v1)
-        nodal = np.zeros((self.mesh.n_owned, 2))
-        speed, relative = (
-            np.linalg.norm(field, axis=-1) for field in (v, v - skeleton.mesh_velocity)
-        )
-        for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self._setup.materials[region]
-            geometry = skeleton.configuration.geometry.part(chunk)
-            g = np.linalg.norm(geometry.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
-            flux = (
-                geometry.dV.sum(axis=1)
-                * domain.gather(speed, chunk).max(axis=1)
-                / domain.cells.shape[1]
-            )
-            convective = (
-                domain.gather(relative, chunk).max(axis=1) * g if self._setup.convection else 0.0
-            )
-            force = flux * (material.rho_fR * (rates.c_f + convective) + material.viscosity * g**2)
-            both = np.column_stack([force, flux * g])[:, None]
-            domain.add(nodal, chunk, np.broadcast_to(both, (len(both), domain.cells.shape[1], 2)))
-        return dict(zip(("fluid momentum", "volume"), nodal.T, strict=True))
-
-    def force_per_rate(self, rates):
-        """Return the least force of a free fluid over the volume flux it goes with, (ρ c_f + μ
-        g²)/g [N s/m³] (collective).
-
-        What is left of forces that cancel, as in a fluid at rest under its weight, is a velocity by
-        their round-off; g = Σ_a |∇N_a|.  Infinite in a porous medium, where the drag and the
-        skeleton resist, too.
-        """
-        if self._setup.porous:
-            return np.inf
-        least = np.inf
-        for region, span in self.domain.region_slices.items():
-            material = self._setup.materials[region]
-            g = self._steepness[span]
-            least = min(
-                least,
-                ((material.rho_fR * rates.c_f + material.viscosity * g**2) / g).min(initial=np.inf),
-            )
-        return self.mesh.comm.allreduce(least, MPI.MIN)
-
-    @cached_property
-    def _steepness(self):
-        """Return Σ_a |∇N_a| of the elements in the reference configuration, (E,) [1/m]."""
-        return np.linalg.norm(self.domain.reference.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
-
-    def _weigh_drag(self, skeleton):
-        """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N
-        s/m].
-        """
-        domain = self.domain
-        drag = np.empty(self.domain.n_cells)
-        for region, span in domain.region_slices.items():
-            configuration = skeleton.configuration
-            drag[span] = (
-                self._setup.materials[region].drag(configuration.J[span])
-                * configuration.geometry.dV[span]
-            ).sum(axis=1)
-        self._drag_weight = self._nodal_sum(drag / domain.cells.shape[1])
-
-    def _nodal_sum(self, values):
-        """Return the sum of element values (E,) over the elements of a node, (n_owned,)."""
-        return self.domain.scatter_add(np.broadcast_to(values[:, None], self.domain.cells.shape))[
-            :, 0
-        ]
-
-    def drag_along(self, change):
-        """Add χ times a change of v_s, (n_local, d) [m/s], to v_f: what the drag does to it while
-        the pressure is as it was.
-
-        An exact solution of the block does not see it.  A lagged tangent or an iterative solver
-        leaves a part of the right side, which therefore must not hold S Δv_s, up to 1e8 times any
-        other force.
-        """
-        free = ~self._setup.mask[:, : self.mesh.dim]
-        self._v1 += np.where(free, self._chi[:, None] * change / self.scheme.alpha_f, 0.0)
-        self._update_rates()
+    def cancelling(self, skeleton: MeshState, rates: Rates) -> dict[str, np.ndarray]:
+        """Return field -> what cancels inside its terms, (n_owned,), whose round-off remains."""
+        return {}
 
     @timed("residual")
-    def residual(self, skeleton):
+    def residual(self, skeleton: MeshState) -> tuple[Residual, Residual]:
         """Return the `Residual`s of momentum [N] and of the volume balance [m³/s] of the trial
         state on the skeleton.
         """
         domain = self.domain
-        fields = self._trial_fields(skeleton)
-        if not (
-            self._setup.inertia or self._setup.porous
-        ):  # nothing else remembers the step before
-            self._parameters.update(self.scheme.dt, self._rates, skeleton, fields.nodal.v)
+        fields = self._residual_fields(skeleton)
         nodal = np.zeros((domain.n_owned, kernel.term_columns(domain.dim)))
         for region, chunk in domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, skeleton.configuration)
@@ -290,32 +188,21 @@ class FluidPhase:
         momentum, volume = kernel.split_terms(np.asfortranarray(nodal), domain.dim)
         momentum_terms = dict(zip(kernel.MOMENTUM_TERMS, momentum, strict=True))
         volume_terms = dict(zip(kernel.VOLUME_TERMS, volume[..., None], strict=True))
-        momentum_terms["traction"] = -self._traction
-        volume_terms["flux"] = self._flux
-        for boundary in self._setup.open_boundaries:
-            boundary.add_to(
-                momentum_terms["traction"], skeleton.displacement, fields.nodal.v, fields.nodal.c
-            )
-        if self._setup.closed:
-            volume_terms["source"] = self._balancing_source(volume_terms)
+        self._surface_state = self._state_of(skeleton, fields)
+        momentum_terms["traction"] = self.surfaces.residual(self._surface_state)
+        self._add_volume_terms(volume_terms)
         comm = self.mesh.comm
-        self._momentum = Residual(comm, momentum_terms, self._setup.velocity_free)
-        return self._momentum, Residual(comm, volume_terms, self._setup.pressure.free)
+        self._momentum = Residual(comm, momentum_terms, self.setup.velocity_free)
+        return self._momentum, Residual(comm, volume_terms, self.setup.pressure_free)
 
-    def _balancing_source(self, terms):
-        """Return the source in closed parts that takes the net flux of their data, (n_owned, 1)
-        [m³/s] (collective).
-        """
-        source = np.zeros((self.mesh.n_owned, 1))
-        for part in self._setup.closed:
-            source[:, 0] -= part.net(list(terms.values())) * part.weight
-        return source
+    def _residual_fields(self, skeleton):
+        return self._trial_fields(skeleton)
 
-    def _levelled(self, p):
-        """Return a pressure (n_local,) with zero mean in closed parts (collective)."""
-        for part in self._setup.closed:
-            p = np.where(part.nodes, p - part.mean(p), p)
-        return p
+    def _state_of(self, skeleton, fields):
+        return self._state(skeleton, fields.nodal.v, fields.nodal.c, fields.nodal.p)
+
+    def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
+        """Add what the volume balance has beside the terms of the elements (collective)."""
 
     def _element_terms(self, chunk):
         """Return room for the terms of the residual of some elements, (E, A,
@@ -329,44 +216,12 @@ class FluidPhase:
             )
         )
 
-    def boundary_force(self, momentum):
-        """Return the force of a free fluid on what bounds it, (n_owned, d) [N]: minus the residual
-        without given tractions.
-
-        Inside it is zero up to the solver's tolerance; on boundary nodes no stress is recovered
-        (Gresho, Lee & Sani 1987).
-        """
-        return -sum(term for name, term in momentum.terms.items() if name != "traction")
-
-    @timed("residual")
-    def interface_force(self, skeleton):
-        """Return `boundary_force` of the trial state on the interface, (n_owned, d) [N], from the
-        elements that touch it.
-        """
-        domain = self.domain
-        force = np.zeros((domain.n_local, domain.dim))
-        for region, rows in self._beside_interface.items():
-            elements = self._elements(region, rows, skeleton.configuration)
-            momentum, _ = kernel.flow_residual(elements, self._trial_fields(skeleton).on(rows))
-            np.subtract.at(force, domain.cells[rows], momentum.sum(axis=0))
-        return np.where(self._setup.no_slip[:, None], force, 0.0)[: domain.n_owned]
-
-    @cached_property
-    def _beside_interface(self):
-        """Return region -> rows of the elements that touch the interface."""
-        touching = np.flatnonzero(self._setup.no_slip[self.domain.cells].any(axis=1))
-        slices = self.domain.region_slices.items()
-        return {
-            region: touching[(touching >= span.start) & (touching < span.stop)]
-            for region, span in slices
-        }
-
     @property
     def _doubles_per_cell(self):
         return (self.domain.cells.shape[1] * self.components) ** 2
 
     def _acceleration(self):
-        if not self._setup.inertia:
+        if not self.setup.inertia:
             return np.zeros_like(self.v)
         return self.a + self.scheme.alpha_m * (self._a1 - self.a)
 
@@ -389,8 +244,8 @@ class FluidPhase:
     # -- coefficients ------------------------------------------------------------------------------
 
     def _elements(self, region, chunk, configuration):
-        material = self._setup.materials[region]
-        setup = self._setup
+        material = self.setup.materials[region]
+        setup = self.setup
         J = configuration.J[chunk]
         n = material.fluid_fraction(J)
         stabilization = self._parameters
@@ -419,7 +274,7 @@ class FluidPhase:
 
     # -- tangent -----------------------------------------------------------------------------------
 
-    def prepare_tangent(self, rates, iterations, skeleton):
+    def prepare_tangent(self, rates: Rates, iterations: int, skeleton: MeshState) -> None:
         """Renew the lagged tangent where its rule asks for it; called after `begin_step`, with the
         accepted skeleton.
         """
@@ -436,12 +291,12 @@ class FluidPhase:
                 skeleton, rates, self._fields(skeleton, self.v, self.a, self.p, self._no_body)
             )
 
-    def renew_tangent(self, rates, skeleton):
+    def renew_tangent(self, rates: Rates, skeleton: MeshState) -> None:
         """Assemble the tangent at the trial state (full Newton)."""
         self._rule.forget()
         self._assemble(skeleton, rates, self._trial_fields(skeleton))
 
-    def volume_has_changed(self, skeleton):
+    def volume_has_changed(self, skeleton: MeshState) -> bool:
         """Return whether a volume ratio differs by more than VOLUME_CHANGE from the one in the
         tangent (collective).
         """
@@ -450,59 +305,31 @@ class FluidPhase:
         change = np.abs(skeleton.configuration.J / self._tangent_J - 1).max(initial=0.0)
         return self.mesh.comm.allreduce(float(change), MPI.MAX) > VOLUME_CHANGE
 
-    def expire_tangent(self):
+    def expire_tangent(self) -> None:
         """Ask for a new tangent at the start of the next step."""
         self._rule.forget()
 
-    def correct(self, residuals, on_interface=None):
+    def correct(
+        self, residuals: tuple[Residual, Residual], on_interface: np.ndarray | None = None
+    ) -> None:
         """Solve H δ = -residual and add δ to the trial state: one Newton step of the block.
 
         on_interface : (n_owned, d) [N] residual of an interface whose velocity is unknown, by a
         Robin condition
         """
         momentum, volume = residuals
-        force = momentum.total
-        if self._setup.robin is not None:
-            force = force + np.where(self._setup.released[: len(force)], on_interface, 0.0)
-        self.add(self.solve(-np.column_stack([force, volume.total])))
+        self.add(self.solve(-np.column_stack([momentum.total, volume.total])))
 
-    @property
-    def interface_unknowns(self):
-        """Return owned nodes and components, (N, 2), of the velocities of an interface that the
-        solver finds.
-        """
-        return np.argwhere(self._setup.released[: self.mesh.n_owned])
-
-    def carry(self, stiffness):
-        """Add a dense matrix of the interface's unknowns, rank by rank as in `interface_unknowns`,
-        to the tangent (collective).
-
-        stiffness : (N, N) force per velocity [N s/m], the same on every rank; to be given again
-        after every assembly
-        """
-        if self._carrying is None:
-            node, component = self.interface_unknowns.T
-            numbers = self.domain.numbering[node] * self.components + component
-            self._carrying = DenselyCoupled(
-                self._matrix.mat, np.concatenate(self.mesh.comm.allgather(numbers))
-            )
-        self._carrying.assemble(stiffness)
-        self._solver.use(self._carrying.mat)
-
-    def solve(self, rhs):
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Return δ with H δ = rhs, both (n_owned, d + 1): [N] and [m³/s] to [m/s] and [Pa] on the
         collocation level.
         """
-        n = self.mesh.n_owned
         d = self.mesh.dim
-        padded = np.zeros((n, self.components))
+        padded = np.zeros((self.mesh.n_owned, self.components))
         padded[:, : d + 1] = rhs
-        increment = self._setup.solve(self._solver, padded)
-        return np.where(self._setup.solver_mask[:n], 0.0, increment)[
-            :, : d + 1
-        ]  # see `SolidPhase.solve`
+        return self.block.solve(padded)[:, : d + 1]
 
-    def add(self, increment):
+    def add(self, increment: np.ndarray) -> None:
         """Add an increment on the collocation level, (n_owned, d + 1), to the trial state."""
         d = self.mesh.dim
         self.unknowns = self.unknowns + np.column_stack(
@@ -514,180 +341,69 @@ class FluidPhase:
     def _assemble(self, skeleton, rates, fields):
         if not self.domain.n_nodes:
             return
-        if self._matrix is None:
-            self._matrix = self._setup.new_matrix(
-                self.prefix, self.components, self._setup.solver_mask
-            )
-        self._matrix.clear()
-        for chunk, K in self._element_tangents(
-            skeleton, rates, fields, self._setup.split, self.components
-        ):
-            if self._setup.robin is not None:
-                self._setup.robin.add_to(K, self.robin_coefficient, chunk, self.mesh.dim)
-            self._matrix.add(chunk, K)
-        self._matrix.finish()
-        self._tangent_J = skeleton.configuration.J
-        if self._setup.porous:
-            self._chi = self.dragged_fraction(skeleton, rates)
-        self.assemblies += 1
-        if self._solver is None:
-            self._make_solver()
-        if self._pressure is not None:
-            self._assemble_pressure(skeleton, rates, fields)
-        self._solver.refactor()
-
-    def _make_solver(self):
-        """Make the KSP, and what preconditions the pressure of a free fluid where the KSP has a
-        place for it.
-        """
-        pressure = PressureOperators(self._setup) if self._setup.has_pressure_operators else None
-        self._solver = self._setup.new_solver(
-            self._matrix, self.components, pressure and pressure.preconditioner
+        surfaces = self.surfaces.tangents(self._state_of(skeleton, fields), BY_VELOCITY)
+        self.block.assemble(
+            self._block_tangents(skeleton, rates, fields, surfaces),
+            padded(surfaces.coupled, slice(self.mesh.dim), self.components),
         )
-        self._pressure = pressure if self._solver.preconditioned_by_object else None
+        self._tangent_J = skeleton.configuration.J
+        self._prepare_solver(skeleton, rates, fields)
+        self.block.solver.refactor()
 
-    def _assemble_pressure(self, skeleton, rates, fields):
-        """Make the operators that precondition the pressure at the state of the tangent."""
-        speed = np.linalg.norm(fields.nodal.c[self.domain.holds], axis=-1).max(initial=0.0)
-        speed = self.mesh.comm.allreduce(float(speed), MPI.MAX)
-        diagonal = self._matrix.mat.getDiagonal().getArray()[self.mesh.dim :: self.components]
-
-        def chunks():
-            for region, chunk in self.domain.chunks(self._doubles_per_cell):
-                yield chunk, self._elements(region, chunk, skeleton.configuration), fields.on(chunk)
-
-        self._pressure.assemble(chunks, rates.c_f, speed, self.robin_coefficient, diagonal)
-
-    def _element_tangents(self, skeleton, rates, fields, split, components):
-        """Yield (chunk, tangent (E, A, m, A, m)) of a split at given fields, for m unknowns per
-        node.
-        """
-        for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            part = fields.on(chunk)
-            K = kernel.flow_tangent(elements, part, rates.c_f, components)
-            if split == "corrected":
-                self._add_skeleton_answer(
-                    K, elements, self._setup.materials[region], skeleton, rates, chunk
-                )
-            for boundary in self._setup.open_boundaries:
-                boundary.add_tangent(
-                    K, chunk, skeleton.displacement, fields.nodal.v, fields.nodal.c
-                )
+    def _block_tangents(self, skeleton, rates, fields, surfaces):
+        """Yield (chunk, tangent (E, A, m, A, m)) of the block at given fields."""
+        tangents = self._balance_tangents(skeleton, rates, fields, surfaces, self.components)
+        for region, chunk, elements, K in tangents:
+            self._complete(K, elements, region, chunk, skeleton, rates)
             yield chunk, K
 
-    def trial_tangents(self, rates, skeleton):
+    def _complete(self, K, elements, region, chunk, skeleton, rates):
+        """Add to the tangents of the balances what the block of the model has beside them."""
+
+    def _prepare_solver(self, skeleton, rates, fields):
+        """Make what else the tangent brings with it (collective)."""
+
+    def _balance_tangents(self, skeleton, rates, fields, surfaces, components):
+        """Yield (region, chunk, elements, tangent (E, A, m, A, m)) of the balances, surfaces
+        included, for m unknowns per node.
+        """
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            K = kernel.flow_tangent(elements, fields.on(chunk), rates.c_f, components)
+            surfaces.add_to(K, chunk)
+            yield region, chunk, elements, K
+
+    def trial_tangents(
+        self, rates: Rates, skeleton: MeshState
+    ) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, tangent (E, A, d + 1, A, d + 1)) of the trial state on a fixed mesh, of the
-        plain split.
-        """
-        return self._element_tangents(
-            skeleton, rates, self._trial_fields(skeleton), "plain", self.mesh.dim + 1
-        )
-
-    def exchange_tangents(self, rates, skeleton):
-        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the skeleton's
-        positions) of the trial state.
+        plain split, without what couples whole surfaces.
         """
         fields = self._trial_fields(skeleton)
-        moving = skeleton.moving_mesh
-        for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            yield chunk, exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
+        surfaces = self.surfaces.tangents(self._state_of(skeleton, fields), BY_VELOCITY)
+        m = self.mesh.dim + 1
+        for _, chunk, _, K in self._balance_tangents(skeleton, rates, fields, surfaces, m):
+            yield chunk, K
 
-    def drag_tangents(self, rates, skeleton):
-        """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by the skeleton
-        it flows through).
+    def coupled(self, skeleton: MeshState) -> tuple[Coupled, ...]:
+        """Return what couples the velocities of whole surfaces in the tangent of the trial state
+        (collective).
         """
         fields = self._trial_fields(skeleton)
-        for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            if self._setup.materials[region].drag0:
-                elements = self._elements(region, chunk, skeleton.configuration)
-                yield chunk, exchange.flow_by_drag(elements, fields.on(chunk), rates.c_v)
-
-    def mesh_tangents(self, rates, skeleton):
-        """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by its mesh) of
-        the trial state.
-        """
-        fields = self._trial_fields(skeleton)
-        for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            part = fields.on(chunk)
-            yield (
-                chunk,
-                shape.flow_by_geometry(elements, part, None)
-                + exchange.flow_by_mesh_velocity(elements, part, rates.c_v),
-            )
-
-    def shape_tangents(self, skeleton):
-        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the moving mesh's
-        geometry) of the trial state.
-        """
-        domain = self.domain
-        fields = self._trial_fields(skeleton)
-        for region, chunk in domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            J = skeleton.configuration.J[chunk]
-            derivatives = shape.VolumeDerivatives(
-                *self._setup.materials[region].volume_derivatives(J)
-            )
-            yield chunk, shape.flow_by_geometry(elements, fields.on(chunk), derivatives)
-
-    def dragged_fraction(self, skeleton, rates):
-        """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a
-        node's elements (collective).
-        """
-        domain = self.domain
-        chi = np.empty(domain.n_cells)
-        for region, span in domain.region_slices.items():
-            material = self._setup.materials[region]
-            J = skeleton.configuration.J[span]
-            rho = material.fluid_fraction(J) * material.rho_fR
-            chi[span] = rates.dragged_fraction(material.drag(J), rho).mean(axis=1)
-        return self.mesh.halo.extend(self._nodal_sum(chi) / self._nodal_sum(np.ones_like(chi)))
-
-    def _add_skeleton_answer(self, values, elements, material, skeleton, rates, chunk):
-        """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure
-        gradient the skeleton feels.
-        """
-        chi = rates.dragged_fraction(elements.S, elements.rho)
-        alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
-        inertia = (
-            rates.moving_inertia(elements.S, material.rho_s, elements.rho)
-            if self._setup.has_auxiliary
-            else 1.0
-        )
-        H = displacement_gradient(
-            self.domain.reference.G[chunk], self.domain.gather(skeleton.displacement, chunk)
-        )
-        compliance = volumetric_compliance(material.elastic, H)
-        kernel.add_skeleton_answer(values, elements, alpha2_cv * compliance, alpha2_cv / inertia)
-        if self._setup.has_auxiliary:
-            rows, terms = self._setup.free_surface
-            here = (rows >= chunk.start) & (rows < chunk.stop)
-            kernel.add_free_surface(
-                values, alpha2_cv / inertia, rows[here] - chunk.start, terms[here]
-            )
-
-    @property
-    def solver(self):
-        """Return the `LinearSolver`, None before the first tangent."""
-        return self._solver
+        return self.surfaces.tangents(self._state_of(skeleton, fields), BY_VELOCITY).coupled
 
     # -- end of a step -----------------------------------------------------------------------------
 
-    def accept(self):
-        """Make the trial state the accepted one."""
-        if not self._setup.porous:
-            force = self.boundary_force(self._momentum)
-            self.force = self._at_end(self._force0, force)
-            self._force0 = force
+    def accept(self) -> None:
+        """Make the trial state the accepted one (collective)."""
+        self.surfaces.accept(self._surface_state)
         self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), self._end_pressure()
         self._p0 = self._p1.copy()
         self._p0_age = (1 - self.scheme.alpha_f) * self.scheme.dt
 
     def _end_pressure(self):
         end = self._at_end(self._p0, self._p1)
-        self._setup.pressure.apply(end[:, None], self._t_end)
+        self._prescribe_pressure(end, self._t_end)
         return end
 
     def _at_end(self, before, now):
@@ -696,36 +412,41 @@ class FluidPhase:
         """
         return at_end(self.scheme, self._p0_age, before, now)
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget the trial state."""
         self._v1, self._a1, self._p1 = self.v.copy(), self.a.copy(), self.p.copy()
 
-    def state(self):
+    def state(self) -> dict[str, np.ndarray]:
         """Return every array a restart needs, name -> (n_owned, ...)."""
         n = self.mesh.n_owned
-        forces = (
-            {} if self._setup.porous else {"force": self.force, "force_collocated": self._force0}
-        )
         fields = {"v": self.v[:n], "a": self.a[:n], "p": self.p[:n], "p_collocated": self._p0[:n]}
-        return fields | forces | self._rule.state(n)
+        return fields | self._rule.state(n)
 
-    def memory(self):
+    def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs beside the arrays."""
-        return self._rule.memory() | {"pressure_age": self._p0_age}
+        return self._rule.memory() | {
+            "pressure_age": self._p0_age,
+            "surfaces": self.surfaces.memory(),
+        }
 
-    def load_state(self, arrays, memory, scheme, rates, skeleton_at):
+    def load_state(
+        self,
+        arrays: dict[str, np.ndarray],
+        memory: dict[str, Any],
+        scheme: Scheme,
+        rates: Rates,
+        skeleton_at: Callable[[np.ndarray, np.ndarray], MeshState],
+    ) -> None:
         """Continue from `state` and `memory`; a tangent that fits the rates of the next step is
         made again where it was.
 
-        scheme : of the next step; skeleton_at(u, v) : `SolidPhase.skeleton_at`.
+        scheme : of the next step; skeleton_at(u, v) : the mesh at a displacement and a velocity
         """
         self.v, self.a, self.p, self._p0 = (
             self.mesh.halo.extend(arrays[name]) for name in ("v", "a", "p", "p_collocated")
         )
         self._p0_age = memory["pressure_age"]
-        if not self._setup.porous:
-            self.force = arrays["force"]
-            self._force0 = arrays["force_collocated"]
+        self.surfaces.load(memory.get("surfaces", {}))
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)
         if point is None or self._rule.rates != rates:
@@ -740,14 +461,14 @@ class FluidPhase:
 
     # -- measures ----------------------------------------------------------------------------------
 
-    def kinetic_energy(self, skeleton):
+    def kinetic_energy(self, skeleton: MeshState) -> float:
         """Return ∫ ρ_f |v_f|²/2 of the accepted state [J] (collective)."""
-        if not self._setup.inertia:
+        if not self.setup.inertia:
             return 0.0
         domain = self.domain
         kinetic = np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self._setup.materials[region]
+            material = self.setup.materials[region]
             J = skeleton.configuration.J[chunk]
             rho = material.fluid_fraction(J) * material.rho_fR
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)

@@ -6,8 +6,10 @@ import numpy as np
 
 from ..fem.domain import Domain
 from ..linalg.fieldsplit import mixture_defaults
+from ..linalg.low_rank import Coupled, padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
+from .block import LinearBlock
 
 
 class InterfaceMixture:
@@ -22,27 +24,31 @@ class InterfaceMixture:
 
     prefix = "mixture_"
 
-    def __init__(self, solid, fluid, motion, setups, interface, direct):
-        """Take the phases, the mesh motion, their (solid, fluid, mesh) setups, the interface
-        (n_local,) bool, and the scheme.
-        """
+    def __init__(self, solid, fluid, motion, interface, direct):
+        """Take the phases, the mesh motion, the interface (n_local,) bool, and the scheme."""
         self._solid = solid
         self._fluid = fluid
         self._motion = motion
         self._interface = interface
         self._with_mesh = direct and motion.moves
-        self._immersed = setups[0].immersed
-        self._setup = setups[1]
+        self._immersed = solid.setup.immersed
         self.mesh = solid.mesh
         self.stopwatch = solid.stopwatch
         self._domain = Domain(self.mesh)
         self._rows = [_rows_in(self._domain, part.domain) for part in (solid, fluid, motion)]
-        self._mask = self._make_mask(*setups)
-        self._matrix = self.solver = None
+        self._mask = self._make_mask(solid.setup, fluid.setup, motion.setup)
+        self._whole = fluid.setup.on(self._domain)
+        self.block = LinearBlock(self._whole, self.prefix, self._mask, self._new_solver)
         self._linear = solid.is_linear and fluid.is_linear
         self._rates = None
-        self.assemblies = 0
         self.force_per_rate = float("inf")
+
+    def _new_solver(self, matrix):
+        """Return a factorization, in 3-D too: this matrix has no preconditioner of its own yet."""
+        m = self._mask.shape[1]
+        null = self._fluid.setup.constant_pressures(self._domain, m, m - 1)
+        defaults = mixture_defaults(direct=True)
+        return LinearSolver(matrix.mat, self.prefix, defaults, null_vectors=null)
 
     def _make_mask(self, solid_setup, fluid_setup, mesh_setup):
         d = self.mesh.dim
@@ -63,28 +69,31 @@ class InterfaceMixture:
         d = self.mesh.dim
         n = self.mesh.n_owned
         rhs = -np.column_stack([solid_residual.total, momentum.total, volume.total])
-        increment = np.where(self._mask[:n], 0.0, self.solver.solve(rhs.ravel()).reshape(n, -1))
+        increment = self.block.solve(rhs)
         self._solid.add(np.where(self._solid.domain.holds[:n, None], increment[:, :d], 0.0))
         self._fluid.add(increment[:, d:])
 
     @timed("assembly")
     def _assemble(self, rates):
-        m = 2 * self.mesh.dim + 1
-        whole = self._setup.on(self._domain)
-        if self._matrix is None:
-            self._matrix = whole.new_matrix(self.prefix, m, self._mask)
-        values = whole.new_tangents(m)
+        values = self._whole.new_tangents(2 * self.mesh.dim + 1)
         self._rates = rates
         self._fill(values, rates)
-        self._matrix.assemble(values)
-        self.assemblies += 1
-        if self.solver is None:
-            # a factorization in 3-D too: this matrix has no preconditioner of its own yet
-            null = self._setup.constant_pressures(self._domain, m, m - 1)
-            self.solver = LinearSolver(
-                self._matrix.mat, self.prefix, mixture_defaults(direct=True), null_vectors=null
-            )
-        self.solver.update()
+        self.block.assemble([(slice(None), values)], self._coupled(rates))
+        self.block.solver.update()
+
+    def _coupled(self, rates):
+        """Return what couples whole surfaces, with v_f = v_s on the interface as in `_fill`."""
+        d = self.mesh.dim
+        tie = self._interface[: self.mesh.n_owned, None]
+        found = padded(self._solid.coupled(rates), slice(d), 2 * d + 1)
+        of_fluid = self._fluid.coupled(self._motion.skeleton())
+        for term in padded(of_fluid, slice(d, 2 * d), 2 * d + 1):
+            on_interface = tie * term.vector[:, d : 2 * d]
+            row, column = term.vector.copy(), term.vector
+            row[:, :d] += on_interface
+            column[:, :d] += rates.c_v * on_interface
+            found.append(Coupled(row, term.factor, column))
+        return found
 
     def _fill(self, values, rates):
         d = self.mesh.dim

@@ -10,7 +10,8 @@ from ..fem.geometry import shape_quality
 from ..kernels import solid as kernel
 from ..linalg.stopwatch import timed
 from ..tensors import det_minus_one
-from .transfer import Skeleton
+from .block import LinearBlock
+from .transfer import MeshState
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any
 # coupling tolerance.
@@ -44,7 +45,7 @@ class MeshMotion:
 
         with_hessian : whether the fluid wants second derivatives
         """
-        self._setup = setup
+        self.setup = setup
         self._fluid_domain = fluid_domain
         self._with_hessian = with_hessian
         self.domain = setup.domain
@@ -56,9 +57,9 @@ class MeshMotion:
         self.a = np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._reference = Configuration.at(fluid_domain, self.mesh.X, with_hessian)
-        self._configuration = self._accepted = self._matrix = self.solver = None
+        self._configuration = self._accepted = None
+        self.block = LinearBlock(setup, self.prefix, setup.mask, setup.new_solver)
         self._stale = True
-        self.assemblies = 0
         self._t_end = 0.0
         self.trail = []
         self.smallest_ratio = self.worst_shape = 1.0
@@ -72,7 +73,7 @@ class MeshMotion:
     @property
     def moves(self):
         """Return whether the mesh moves at all."""
-        return self._setup.moving_mesh
+        return self.setup.moving_mesh
 
     @property
     def squeezed(self):
@@ -94,7 +95,7 @@ class MeshMotion:
         """Start a step from the accepted level at time t."""
         self.scheme = scheme
         self._t_end = t + scheme.dt
-        self._stale = self._stale or not self._setup.law.small_strain
+        self._stale = self._stale or not self.setup.law.small_strain
 
     def follow(self, displacement):
         """Take the solid's displacement at the end of the step, (n_local, d), and extend it."""
@@ -112,7 +113,7 @@ class MeshMotion:
         level = self.u + self.scheme.alpha_f * (self._u1 - self.u)
         if self._configuration is None:
             self._configuration = self._configuration_at(level)
-        return Skeleton(
+        return MeshState(
             self._configuration,
             self.scheme.velocity_level(self.v, self._v1),
             self._v1,
@@ -124,11 +125,11 @@ class MeshMotion:
         """Return the accepted state."""
         if self._accepted is None:
             self._accepted = self._configuration_at(self.u)
-        return Skeleton(self._accepted, self.v, self.v, self.u, self.moves)
+        return MeshState(self._accepted, self.v, self.v, self.u, self.moves)
 
     def skeleton_at(self, u, v):
         """Return the state of a displacement and a velocity, both (n_local, d)."""
-        return Skeleton(self._configuration_at(u), v, v, u, self.moves)
+        return MeshState(self._configuration_at(u), v, v, u, self.moves)
 
     def _configuration_at(self, u):
         if not self.moves:
@@ -147,7 +148,7 @@ class MeshMotion:
         The first increment moves inside and boundary together: the boundary alone would invert the
         elements behind it.
         """
-        setup = self._setup
+        setup = self.setup
         goal = start.copy()
         setup.dirichlet.apply(goal, t)
         goal[setup.carried] = setup.transfer.to_fluid(solid)[setup.carried]
@@ -170,7 +171,7 @@ class MeshMotion:
         """Return the equilibrium with the boundary of the goal, from the displacement `start` on;
         both (n_local, d).
         """
-        setup = self._setup
+        setup = self.setup
         u = start
         last = np.inf
         free = ~setup.mask[: self.mesh.n_owned]
@@ -178,7 +179,7 @@ class MeshMotion:
             if self._stale:
                 self._assemble(u)
             forces = self._forces(u, np.where(setup.mask, goal - u, 0.0))
-            increment = setup.solve(self.solver, np.where(free, -forces, 0.0)) * free
+            increment = self.block.solve(np.where(free, -forces, 0.0))
             u = np.where(setup.mask, goal, u + self.mesh.halo.extend(increment))
             if setup.law.small_strain:
                 return u
@@ -197,15 +198,13 @@ class MeshMotion:
         """Return the velocity of the mesh for that of the solid (n_local, d), K v = 0 inside with
         the tangent of `u`.
         """
-        setup = self._setup
+        setup = self.setup
         v = np.where(setup.carried[:, None], setup.transfer.to_fluid(solid), 0.0)
-        if self._stale or not self._setup.law.small_strain:
+        if self._stale or not self.setup.law.small_strain:
             self._assemble(self.u)
         forces = self._forces(self.u, v) - self._forces(self.u, 0 * v)
         free = ~setup.mask[: self.mesh.n_owned]
-        return v + self.mesh.halo.extend(
-            setup.solve(self.solver, np.where(free, -forces, 0.0)) * free
-        )
+        return v + self.mesh.halo.extend(self.block.solve(np.where(free, -forces, 0.0)))
 
     def _require_orientation(self, u):
         """Raise ConvergenceError where the law has no stress any more, J <= 0 (collective)."""
@@ -221,8 +220,8 @@ class MeshMotion:
     def _failure(self, what):
         """Return the error of a mesh that does not follow: how its quality fell, and what helps."""
         fell = ", ".join(f"{ratio:.2g} at {t:g} s" for t, ratio in self.trail)
-        nonlinear = not self._setup.law.small_strain
-        exponent = self._setup.stiffening
+        nonlinear = not self.setup.law.small_strain
+        exponent = self.setup.stiffening
         law = "" if nonlinear else 'mesh_motion.law = "neo_hookean", '
         keys = (
             f"try {law}another mesh_motion.stiffening than {exponent:g} (1 to 2), or another mesh"
@@ -248,7 +247,7 @@ class MeshMotion:
         (n_owned, d).
         """
         domain = self.domain
-        law = self._setup.law
+        law = self.setup.law
         moves = change.any()
         forces = np.zeros((self.mesh.n_owned, self.mesh.dim))
         for chunk, G, dV in self._stiffened():
@@ -272,21 +271,12 @@ class MeshMotion:
 
     def _tangents(self, u):
         for chunk, G, dV in self._stiffened():
-            yield chunk, kernel.stress_tangent(G, dV, self._setup.law, self.domain.gather(u, chunk))
+            yield chunk, kernel.stress_tangent(G, dV, self.setup.law, self.domain.gather(u, chunk))
 
     def _assemble(self, u):
-        setup = self._setup
-        if self._matrix is None:
-            self._matrix = setup.new_matrix(self.prefix, self.mesh.dim, setup.mask)
-        self._matrix.clear()
-        for chunk, K in self._tangents(u):
-            self._matrix.add(chunk, K)
-        self._matrix.finish()
-        self.assemblies = self.assemblies + 1
+        self.block.assemble(self._tangents(u))
         self._stale = False
-        if self.solver is None:
-            self.solver = setup.new_solver(self._matrix)
-        self.solver.refactor()
+        self.block.solver.refactor()
 
     def _stiffened(self):
         """Yield (chunk, G, dV times the stiffening)."""

@@ -3,8 +3,10 @@
 import numpy as np
 
 from ..linalg.fieldsplit import mixture_defaults
+from ..linalg.low_rank import padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
+from .block import LinearBlock
 
 
 class QuasiDirectMixture:
@@ -27,21 +29,25 @@ class QuasiDirectMixture:
 
     prefix = "mixture_"
 
-    def __init__(self, solid, fluid, solid_setup, fluid_setup):
-        """Take the phases and their setups."""
+    def __init__(self, solid, fluid):
+        """Take the phases."""
         self._solid = solid
         self._fluid = fluid
-        self._setup = solid_setup
-        self._no_slip = fluid_setup.no_slip[:, None]
+        self._no_slip = fluid.setup.no_slip[:, None]
         d = solid.mesh.dim
-        self._mask = np.column_stack([solid_setup.dirichlet.mask, fluid_setup.mask[:, : d + 1]])
+        self._mask = np.column_stack([solid.setup.dirichlet.mask, fluid.setup.mask[:, : d + 1]])
         self._free_velocity = ~self._mask[:, d : 2 * d]
         self._combined = self._free_velocity & ~self._mask[:, :d]
-        self._matrix = self.solver = self.rates = None
+        self.rates = None
+        self.block = LinearBlock(solid.setup, self.prefix, self._mask, self._new_solver)
         self._linear = solid.is_linear and fluid.is_linear
         self.mesh = solid.mesh
         self.stopwatch = solid.stopwatch
-        self.assemblies = 0
+
+    def _new_solver(self, matrix):
+        sweep = PhaseSweep(self, self._solid, self._fluid)
+        defaults = mixture_defaults(self._solid.setup.direct)
+        return LinearSolver(matrix.mat, self.prefix, defaults, preconditioner=sweep)
 
     def correct(self, solid_residual, fluid_residuals, rates):
         """Solve for the increments of both phases and add them to the trial states (collective)."""
@@ -51,7 +57,7 @@ class QuasiDirectMixture:
         d = self.mesh.dim
         rhs = -np.column_stack([solid_residual.total, momentum.total, volume.total])
         rhs[:, :d] += self._added[: len(rhs)] * rhs[:, d : 2 * d]
-        increment = self.from_solver(self.solver.solve(rhs * self._rows))
+        increment = self.block.solve(rhs * self._rows) * self._columns
         increment[:, d : 2 * d] += (
             np.where(self._free_velocity, self._tie, 0.0)[: len(rhs)] * increment[:, :d]
         )
@@ -61,25 +67,19 @@ class QuasiDirectMixture:
     @timed("assembly")
     def assemble(self, rates):
         """Make the matrix of the trial state (collective)."""
-        m = 2 * self.mesh.dim + 1
-        if self._matrix is None:
-            self._matrix = self._setup.new_matrix(self.prefix, m, self._mask)
-        values = self._setup.new_tangents(m)
+        values = self._solid.setup.new_tangents(2 * self.mesh.dim + 1)
         self.rates = rates
         self._fill(values, rates, self._solid.skeleton())
         self._combine(values)
         self._scale(values)
-        self._matrix.assemble(values)
-        self.assemblies += 1
-        if self.solver is None:
-            sweep = PhaseSweep(self, self._solid, self._fluid)
-            self.solver = LinearSolver(
-                self._matrix.mat,
-                self.prefix,
-                mixture_defaults(self._setup.direct),
-                preconditioner=sweep,
-            )
-        self.solver.update()
+        self.block.assemble([(slice(None), values)], self._coupled(rates))
+        self.block.solver.update()
+
+    def _coupled(self, rates):
+        """Return what couples whole surfaces of the skeleton; its rows and columns have no other
+        scale.
+        """
+        return padded(self._solid.coupled(rates), slice(self.mesh.dim), 2 * self.mesh.dim + 1)
 
     def _fill(self, values, rates, skeleton):
         d = self.mesh.dim
@@ -139,12 +139,6 @@ class QuasiDirectMixture:
         + 1).
         """
         return (increment / self._columns).ravel()
-
-    def from_solver(self, vector):
-        """Return the increment of (y, w, p), (n_owned, 2 d + 1), from the array of a vector of the
-        solver.
-        """
-        return vector.reshape(-1, len(self._columns)) * self._columns
 
 
 class DirectMixture(QuasiDirectMixture):

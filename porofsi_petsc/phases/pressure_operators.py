@@ -14,8 +14,8 @@ LAYER = 4.0
 
 
 class PressureOperators:
-    """Q, L, T of `kernels.pressure` for a `phases.setup.FluidSetup`, and the preconditioner that
-    uses them.
+    """Q, L, T of `kernels.pressure` for a `phases.setup.FreeFluidSetup`, and the preconditioner
+    that uses them.
 
     L has the conditions of the pressure where the solver knows no velocity: p = 0 weakly on an open
     boundary, p = α v_n on an interface with a Robin condition (6 iterations; with p = 0 there 8,
@@ -46,9 +46,8 @@ class PressureOperators:
         diagonal : of the pressure's block of the tangent, (owned rows,)
         """
         if self._matrix is None:
-            self._matrix = self._setup.new_matrix(
-                "pressure_", 1, np.zeros((self.domain.n_local, 1), dtype=bool)
-            )
+            free = np.zeros((self.domain.n_local, 1), dtype=bool)
+            self._matrix = self._setup.new_matrix("pressure_", free)
         h = self.domain.h
         self._set(
             "compliance",

@@ -4,12 +4,14 @@ and its KSP are made.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ..fem.boundary import InterfaceMass
+from ..fem.closed import ClosedPart
 from ..fem.domain import Domain
-from ..fem.essential import Dirichlet
+from ..fem.essential import Dirichlet, Prescribed
 from ..fem.transfer import InterfaceTransfer
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import ElementMatrix
@@ -17,50 +19,50 @@ from ..linalg.nullspace import NullVector
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
 from ..materials.elastic import ElasticLaw
+from ..materials.porous import PorousMaterial
+from .surface_terms import OnSurface
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PhaseSetup:
-    """Common to both phases.
+    """Common to all phases.
 
-    materials : dict region -> PorousMaterial; body_force : dict component -> expression of b
-    [m/s²];
+    materials : region -> PorousMaterial; body_force : component -> expression of b [m/s²];
     split : "corrected", "plain" or "scaled" (plain with a scaled mass);
-    direct : whether the default solver is a factorization; stopwatch : where its time is counted
+    direct : whether the default solver is a factorization; stopwatch : where its time is counted;
+    surfaces : conditions of the momentum balance on surfaces
     """
 
     domain: Domain
-    materials: dict
-    body_force: dict
+    materials: dict[str, PorousMaterial]
+    body_force: dict[int, Any]
     inertia: bool
     moving_mesh: bool
     split: str
     direct: bool
     stopwatch: Stopwatch
+    surfaces: tuple[OnSurface, ...] = ()
 
-    @property
-    def porous(self):
-        """Return whether a material has solid and fluid."""
-        return any(0 < material.n_s0 < 1 for material in self.materials.values())
-
-    def new_matrix(self, prefix, components, mask):
-        """Return the empty `ElementMatrix` of a nodal field with m components, prescribed where
-        mask (n_local, m) is true.
+    def new_matrix(self, prefix: str, mask: np.ndarray) -> ElementMatrix:
+        """Return the empty matrix of a nodal field with m components, prescribed where mask
+        (n_local, m) is true.
         """
         domain = self.domain
         return ElementMatrix(
             domain.mesh.comm, domain.cells, domain.numbering, len(domain.nodes), mask, prefix
         )
 
-    def new_tangents(self, components):
+    def new_tangents(self, components: int) -> np.ndarray:
         """Return element matrices (E, A, m, A, m) of m components, all zero."""
         return np.zeros((self.domain.n_cells, *(2 * (self.domain.cells.shape[1], components))))
 
-    def on(self, domain):
+    def on(self, domain: Domain) -> "PhaseSetup":
         """Return the same setup on another domain of the mesh."""
         return replace(self, domain=domain)
 
-    def displacement_solver(self, matrix, prefix, counted=False):
+    def displacement_solver(
+        self, matrix: ElementMatrix, prefix: str, counted: bool = False
+    ) -> LinearSolver:
         """Return the KSP of a symmetric matrix of displacements; counted : of `solid_defaults`
         (collective).
         """
@@ -70,57 +72,70 @@ class PhaseSetup:
         defaults = solid_defaults(mesh.dim, self.direct, counted=counted)
         return LinearSolver(matrix.mat, prefix, defaults, near_nullspace=modes)
 
-    def solve(self, solver, rhs):
-        """Return the solution on the owned nodes for a right side, both (n_owned, m); zero outside
-        of the domain (collective).
-        """
-        solution = np.zeros(rhs.shape)
-        nodes = self.domain.nodes
-        if not self.domain.n_nodes:
-            return solution
-        solution[nodes] = solver.solve(rhs[nodes].ravel()).reshape(len(nodes), rhs.shape[1])
-        return solution
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SolidSetup(PhaseSetup):
-    """The skeleton: essential displacement and surface tractions of the mixture [Pa].
-
-    mass_scaling : factor of the mass in the tangent of the split "scaled", or "optimal"
-    immersed : a porous solid that a free fluid flows through, of which it feels the drag alone;
-    robin : of an interface on which α v_s is added to the traction; driven : (n_local,) bool, nodes
-    to which an interface tells their velocity; reaction : whether the force on its boundary is kept
-    from step to step
-    """
+    """Common to the skeleton and a solid without pores: essential displacement."""
 
     dirichlet: Dirichlet
-    loads: tuple
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Return where the displacement is no unknown of the solver, (n_local, d) bool."""
+        return self.dirichlet.mask
+
+    @property
+    def is_static(self) -> bool:
+        """Return whether the tangent of the elastic forces alone decides the stability."""
+        return False
+
+    def new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+        """Return the KSP of the block; its matrix is symmetric positive definite up to the state's
+        geometric stiffness.
+        """
+        return self.displacement_solver(matrix, "solid_", self.is_static)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkeletonSetup(SolidSetup):
+    """The skeleton of a porous medium.
+
+    with_hessian : whether the fluid wants second derivatives; mass_scaling : factor of the mass in
+    the tangent of the split "scaled", or "optimal"
+    """
+
     with_hessian: bool
     mass_scaling: float | str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElasticSolidSetup(SolidSetup):
+    """A solid without pores, or one that a free fluid flows through, of which it feels the drag
+    alone.
+
+    immersed : whether it is one of these; robin : of an interface on which α v_s is added to the
+    traction; driven : (n_local,) bool, nodes to which an interface tells their velocity; reaction :
+    whether the force on its boundary is kept from step to step
+    """
+
     immersed: bool = False
     robin: InterfaceMass | None = None
     driven: np.ndarray | None = None
     reaction: bool = False
 
     @cached_property
-    def mask(self):
+    def mask(self) -> np.ndarray:
         """Return where the displacement is no unknown of the solver, (n_local, d) bool."""
         held = self.dirichlet.mask
         return held if self.driven is None else held | self.driven[:, None]
 
-    def new_solver(self, matrix):
-        """Return the KSP of the block; its matrix is symmetric positive definite up to the state's
-        geometric stiffness.
-        """
-        return self.displacement_solver(matrix, "solid_", self.is_static)
-
     @property
-    def is_static(self):
+    def is_static(self) -> bool:
         """Return whether the tangent of the elastic forces alone decides the stability."""
-        return not (self.inertia or self.porous)
+        return not (self.inertia or self.immersed)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MeshSetup(PhaseSetup):
     """The motion of a free fluid's mesh: an elastic law on the reference configuration, stiffer on
     small elements.
@@ -139,11 +154,11 @@ class MeshSetup(PhaseSetup):
     dirichlet: Dirichlet
 
     @cached_property
-    def mask(self):
+    def mask(self) -> np.ndarray:
         """Return where the displacement is prescribed, (n_local, d) bool."""
         return self.dirichlet.mask | self.carried[:, None]
 
-    def new_solver(self, matrix):
+    def new_solver(self, matrix: ElementMatrix) -> LinearSolver:
         """Return the KSP of the motion.
 
         Its tolerance is relative to the increment of a sweep, and what it leaves is in the right
@@ -152,60 +167,138 @@ class MeshSetup(PhaseSetup):
         return self.displacement_solver(matrix, "mesh_")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FluidSetup(PhaseSetup):
-    """The fluid: essential velocity and pressure, tractions on a free fluid [Pa], seepage fluxes
-    [m/s], stabilization.
+    """Common to the pore fluid and a free fluid: essential velocity, stabilization.
 
-    no_slip : (n_local,) bool, nodes with v_f = v_s; stress_nodes : (n_local,) bool, nodes where the
-    pressure and the total stress are prescribed and so the auxiliary field s is known; free_surface
-    : elements (F,) and terms (F, A, A) of the surfaces whose normal displacement is free while no
-    pressure is prescribed, where s vanishes weakly;
-    robin : of an interface on which α v_f is added to the traction: its nodes are without slip at
-    the end of a sweep only;
-    held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every
-    sweep;
-    open_boundaries : `fem.boundary.OpenBoundary`s of a free fluid; closed :
-    `fem.closed.ClosedPart`s of it
+    no_slip : (n_local,) bool, nodes with v_f = v_s
     """
 
     velocity: Dirichlet
-    pressure: Dirichlet
-    loads: tuple
-    fluxes: tuple
     no_slip: np.ndarray
-    stress_nodes: np.ndarray
-    free_surface: tuple
-    has_auxiliary: bool
     convection: bool
     pspg: bool
     supg: bool
     lsic: bool
-    undrained: bool
-    robin: InterfaceMass | None = None
-    held: np.ndarray | None = None
-    open_boundaries: tuple = ()
-    closed: tuple = ()
+    undrained: bool = False
 
     @property
-    def viscous(self):
+    def viscous(self) -> bool:
         """Return whether the fluid has a viscous (Brinkman) term."""
         return any(material.viscosity for material in self.materials.values())
 
     @cached_property
-    def has_no_slip(self):
+    def has_no_slip(self) -> bool:
         """Return whether this rank has a wall without slip."""
         return bool(self.no_slip.any())
 
+    @property
+    def mask(self) -> np.ndarray:
+        """Return where (v, p[, s]) is prescribed, (n_local, m) bool."""
+        raise NotImplementedError
+
+    @property
+    def pressures(self) -> tuple[Prescribed, ...]:
+        """Return the prescribed pressures."""
+        return ()
+
+    @property
+    def solver_mask(self) -> np.ndarray:
+        """Return `mask` as the solver sees it."""
+        return self.mask
+
+    def velocity_free(self, owned: np.ndarray) -> np.ndarray:
+        """Return a copy of (n_owned, d) whose prescribed rows, walls included, are zero."""
+        n, d = owned.shape
+        return np.where(self.mask[:n, :d], 0.0, owned)
+
+    def pressure_free(self, owned: np.ndarray) -> np.ndarray:
+        """Return a copy of (n_owned, 1) whose prescribed rows are zero."""
+        n = len(owned)
+        d = self.domain.dim
+        return np.where(self.mask[:n, d : d + 1], 0.0, owned)
+
+    def linear_solver(
+        self,
+        matrix: ElementMatrix,
+        operators: bool,
+        preconditioner: Any = None,
+        null_vectors: tuple[NullVector, ...] = (),
+    ) -> LinearSolver:
+        """Return the KSP of the block with its fields v and p (with s) for a FieldSplit
+        preconditioner.
+
+        operators : whether the pressure of an iterative solver has operators of its own;
+        preconditioner : object with setUp(pc) and apply(pc, x, y) that uses them
+        """
+        domain = self.domain
+        mesh = self.domain.mesh
+        components = self.mask.shape[1]
+        fields = fluid_fields(mesh.comm, domain.first, len(domain.nodes), mesh.dim, components)
+        steady = operators and self.convection and not self.inertia
+        defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg, operators, steady)
+        return LinearSolver(
+            matrix.mat,
+            "fluid_",
+            defaults,
+            fields=fields,
+            preconditioner=preconditioner,
+            null_vectors=list(null_vectors),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoreFluidSetup(FluidSetup):
+    """The fluid in a porous medium: essential pressure, and what a compression wave asks for.
+
+    fluxes : conditions of the volume balance on surfaces; stress_nodes : (n_local,) bool, nodes
+    where the pressure and the total stress are prescribed and so the auxiliary field s is known;
+    free_surface : elements (F,) and terms (F, A, A) of the surfaces whose normal displacement is
+    free while no pressure is prescribed, where s vanishes weakly; has_auxiliary : whether there is
+    an s, with inertia in the corrected split
+    """
+
+    pressure: Dirichlet
+    fluxes: tuple[OnSurface, ...]
+    stress_nodes: np.ndarray
+    free_surface: tuple[np.ndarray, np.ndarray]
+    has_auxiliary: bool
+
+    @property
+    def pressures(self) -> tuple[Prescribed, ...]:
+        """Return the prescribed pressures."""
+        return tuple(self.pressure.conditions)
+
     @cached_property
-    def mask(self):
+    def mask(self) -> np.ndarray:
         """Return where (v, p[, s]) is prescribed, (n_local, m) bool."""
         velocity = self.velocity.mask | self.no_slip[:, None]
         auxiliary = [self.stress_nodes] if self.has_auxiliary else []
         return np.column_stack([velocity, self.pressure.mask, *auxiliary])
 
+
+@dataclass(frozen=True, kw_only=True)
+class FreeFluidSetup(FluidSetup):
+    """A free fluid, which may go on into porous solids; its nodes on the interface are without
+    slip.
+
+    held : (n_local, d) bool, where the solid's displacement is prescribed: without slip in every
+    sweep; robin : of an interface on which α v_f is added to the traction: its nodes are without
+    slip at the end of a sweep only; closed : parts of the fluid whose pressure has no level
+    """
+
+    held: np.ndarray
+    robin: InterfaceMass | None = None
+    closed: tuple[ClosedPart, ...] = ()
+
     @cached_property
-    def solver_mask(self):
+    def mask(self) -> np.ndarray:
+        """Return where (v, p) is prescribed, (n_local, d + 1) bool: p nowhere."""
+        velocity = self.velocity.mask | self.no_slip[:, None]
+        return np.column_stack([velocity, np.zeros(len(velocity), dtype=bool)])
+
+    @cached_property
+    def solver_mask(self) -> np.ndarray:
         """Return `mask` as the solver sees it: with a Robin condition the velocity of the interface
         is unknown.
 
@@ -219,50 +312,15 @@ class FluidSetup(PhaseSetup):
         return mask
 
     @cached_property
-    def released(self):
+    def released(self) -> np.ndarray:
         """Return where the velocity of an interface is unknown to the solver, (n_local, d) bool."""
         return (self.mask & ~self.solver_mask)[:, : self.domain.dim]
 
-    def velocity_free(self, owned):
-        """Return a copy of (n_owned, d) whose prescribed rows, walls included, are zero."""
-        n, d = owned.shape
-        return np.where(self.mask[:n, :d], 0.0, owned)
-
-    @property
-    def has_pressure_operators(self):
-        """Return whether the pressure of an iterative solver is preconditioned by operators of its
-        own: in a free fluid.
-        """
-        return self.pspg and any(material.is_free_fluid for material in self.materials.values())
-
-    def new_solver(self, matrix, components, preconditioner=None):
-        """Return the KSP of the block with its fields v and p (with s) for a FieldSplit
-        preconditioner.
-
-        preconditioner : object with setUp(pc) and apply(pc, x, y) for the pressure, where it has
-        operators of its own
-        """
-        domain = self.domain
-        mesh = self.domain.mesh
-        fields = fluid_fields(mesh.comm, domain.first, len(domain.nodes), mesh.dim, components)
-        free = self.has_pressure_operators
-        steady = free and self.convection and not self.inertia
-        defaults = fluid_defaults(mesh.dim, self.direct, self.viscous, self.pspg, free, steady)
-        null = self.constant_pressures(domain, components, mesh.dim)
-        return LinearSolver(
-            matrix.mat,
-            "fluid_",
-            defaults,
-            fields=fields,
-            preconditioner=preconditioner,
-            null_vectors=null,
-        )
-
-    def constant_pressures(self, domain, components, p):
+    def constant_pressures(self, domain: Domain, components: int, p: int) -> tuple[NullVector, ...]:
         """Return the `NullVector`s of closed parts in a matrix on a domain whose nodes have the
         pressure as component p.
         """
-        return [_constant_pressure(part, domain, components, p) for part in self.closed]
+        return tuple(_constant_pressure(part, domain, components, p) for part in self.closed)
 
 
 def _constant_pressure(part, domain, components, p):

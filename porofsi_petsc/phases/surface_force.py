@@ -16,7 +16,8 @@ class State(NamedTuple):
     """What a force is found from, at one time t.
 
     residual (n_owned, d) [N] of `FluidPhase.boundary_force` or `SolidPhase.boundary_force`; u
-    (n_local, d) [m] of the mesh or the solid; of a fluid v, c = v - v_m (n_local, d), p (n_local,)
+    (n_local, d) [m] of the mesh or the solid; of a fluid v, c = v - v_m (n_local, d), p (n_local,);
+    given : facets, nodes (F, Af), and vectors (F, Af, d) [N] of the conditions on surfaces
     """
 
     residual: np.ndarray
@@ -25,6 +26,7 @@ class State(NamedTuple):
     v: np.ndarray | None = None
     c: np.ndarray | None = None
     p: np.ndarray | None = None
+    given: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
 
 class SurfaceForce:
@@ -157,11 +159,8 @@ class SurfaceForce:
 
     def _subtract_loads(self, state, parts):
         """Subtract the given tractions from the parts, own and others, (R, d) each, in place."""
-        for load in self._setup.loads:
-            vectors = np.zeros((*load.nodes.shape, self._domain.dim))
-            for component, values in load.on_facets(state.t):
-                vectors[..., component] = values
-            self._add_where_free(parts, load.nodes, -vectors)
+        for nodes, vectors in state.given:
+            self._add_where_free(parts, nodes, vectors)
 
     def _add_where_free(self, parts, nodes, vectors):
         """Add vectors (F, Af, d) on facets, nodes (F, Af), to their part where nothing is
@@ -202,12 +201,6 @@ class FluidForce(SurfaceForce):
         v = self._domain.gather(state.v, rows)
         p = self._domain.gather(state.p, rows)
         return traction_load(*surface, v, p, material.viscosity)
-
-    def _subtract_loads(self, state, parts):
-        super()._subtract_loads(state, parts)
-        for boundary in self._setup.open_boundaries:
-            vectors = boundary.on_facets(state.u, state.v, state.c)
-            self._add_where_free(parts, boundary.nodes, vectors)
 
 
 class SolidForce(SurfaceForce):

@@ -10,7 +10,7 @@ from ..fem.domain import Configuration
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class MeshState:
     """What carries the fluid's mesh: its configuration and v_s on the collocation level, (n_local,
     d) [m/s].
 

@@ -3,9 +3,6 @@
 from mpi4py import MPI
 
 from ..config import Scene
-from ..coupling.accelerators import ACCELERATORS
-from ..coupling.monolithic import MonolithicCoupling
-from ..coupling.porous import GUARDS, PorousCoupling
 from ..errors import InputError
 from ..fem.distribute import LocalMesh, distribute
 from ..fem.domain import Domain
@@ -18,19 +15,14 @@ from ..mesh.interface import INTERFACE, with_interface
 from ..mesh.mesh import Mesh
 from ..mesh.read import read_mesh
 from ..output.files import on_root
-from ..phases.fluid import FluidPhase
-from ..phases.mixture import DirectMixture, QuasiDirectMixture
-from ..phases.solid import SolidPhase
 from .auto import AnyMedium, AutoMedium, auto_terms
 from .fall_back import tried_by_itself
-from .interface import interface_medium
+from .interface import InterfaceBuilder
 from .locking import require_no_locking
-from .setups import fluid_setup, materials_of, solid_setup
+from .porous import PorousBuilder
 from .sides import check_sides
 from .start import put_at_start
 from .supports import require_supports
-
-MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
 
 
 def serial_mesh(scene: Scene) -> Mesh:
@@ -134,11 +126,12 @@ def build_coupling(scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> AnyMe
     domain = Domain(mesh) if scene.is_porous else None
 
     def build(scene):
-        medium = (
-            _medium(scene, domain, stopwatch)
+        builder = (
+            PorousBuilder(scene, mesh, stopwatch, domain)
             if domain
-            else interface_medium(scene, mesh, stopwatch)
+            else InterfaceBuilder(scene, mesh, stopwatch)
         )
+        medium = builder.medium()
         medium.tried = tried_by_itself(scene)
         return medium
 
@@ -152,21 +145,3 @@ def build_coupling(scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> AnyMe
 
 def _start(medium, scene):
     put_at_start(scene, medium.solid, medium.fluid)
-
-
-def _medium(scene, domain, stopwatch):
-    """Return the coupling scheme of a scene without "auto" terms, at rest (collective)."""
-    mesh = domain.mesh
-    materials = materials_of(scene, domain.mesh)
-    setups = [setup(scene, domain, materials, stopwatch) for setup in (solid_setup, fluid_setup)]
-    solid = SolidPhase(setups[0])
-    fluid = FluidPhase(setups[1])
-    choice = scene.coupling
-    common = solid, fluid, mesh.comm, choice.tolerance, choice.max_iterations
-    if choice.scheme in MIXTURES:
-        return MonolithicCoupling(*common, MIXTURES[choice.scheme](solid, fluid, *setups))
-
-    def accelerator(dot, name=choice.accelerator):
-        return ACCELERATORS[name](dot, choice.relaxation, GUARDS[choice.split], choice.reuse_steps)
-
-    return PorousCoupling(*common, accelerator, scene.full_newton)

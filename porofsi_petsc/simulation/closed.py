@@ -12,8 +12,8 @@ from ..errors import InputError
 from ..fem.closed import ClosedPart, closed_nodes
 from ..fem.domain import Domain
 from ..fem.essential import Dirichlet, Essential
+from .builder import MONOLITHIC
 from .conditions import sample_times
-from .setups import MONOLITHIC
 
 
 def closed_parts(

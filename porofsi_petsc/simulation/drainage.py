@@ -35,9 +35,7 @@ def require_one_drainage(scene: Scene, mesh: LocalMesh) -> None:
                 for name in ("velocity", "displacement")
                 for c, e in _vector(boundary, name)
             }
-            tags[tag] |= {
-                name: i for name in ("pressure", "flux") if getattr(boundary, name) is not None
-            }
+            tags[tag] |= {name: i for name in {"pressure", "flux"} & set(boundary.given())}
     for tag, given in sorted(tags.items()):
         velocity = {key[1]: entry for key, entry in given.items() if key[0] == "velocity"}
         if not velocity or not holds_normal(mesh, tag, sorted(velocity)):

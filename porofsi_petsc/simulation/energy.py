@@ -123,7 +123,7 @@ def step_powers(
         - solid["body"]
         - fluid["body"]
         - fluid["traction"]
-        - mass["flux"]
+        - mass.get("flux", 0.0)
     )
     external -= solid.get("interface", 0.0)  # what the fluid does there is among the reactions
     return {

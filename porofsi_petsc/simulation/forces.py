@@ -5,6 +5,7 @@ behind them.
 import numpy as np
 from mpi4py import MPI
 
+from ..conditions import State as OnSurfaces
 from ..config import Scene
 from ..coupling.interface import InterfaceMedium
 from ..fem.boundary import has_facets
@@ -46,7 +47,9 @@ class Forces:
         fluid = self._coupling.fluid
         carrier = self._coupling.accepted_carrier()
         through = fluid.v - carrier.mesh_velocity
-        return State(fluid.force, t, carrier.displacement, fluid.v, through, fluid.p)
+        u = carrier.displacement
+        given = fluid.surfaces.given(OnSurfaces(t, u, fluid.v, through, fluid.p))
+        return State(fluid.force, t, u, fluid.v, through, fluid.p, given)
 
     def _solid(self, t, flow):
         """Return the state of the solid; what a fluid does to other walls at the rim of the
@@ -54,4 +57,5 @@ class Forces:
         """
         solid = self._coupling.solid
         others = self._coupling.to_solid(self._interface.of_others(flow))
-        return State(solid.force - others, t, solid.u)
+        given = solid.surfaces.given(OnSurfaces(t, solid.u, solid.v))
+        return State(solid.force - others, t, solid.u, given=given)

@@ -6,19 +6,11 @@ import numpy as np
 
 from ..config import Scene
 from ..config.expressions import Expression
-from ..coupling.accelerators import ACCELERATORS
 from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMedium, InterfaceMonolithic
 from ..coupling.robin import Conditions, Interface
 from ..errors import InputError
-from ..fem.boundary import (
-    InterfaceMass,
-    InterfacePressure,
-    OpenBoundary,
-    SurfaceLoad,
-    has_facets,
-    tags_of,
-)
+from ..fem.boundary import InterfaceMass, InterfacePressure, has_facets, tags_of
 from ..fem.closed import closed_nodes
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
@@ -28,15 +20,13 @@ from ..linalg.options import are_factored
 from ..linalg.stopwatch import Stopwatch
 from ..materials import MESH_MOTION
 from ..phases.condensed import CondensedSolid
-from ..phases.fluid import FluidPhase
+from ..phases.elastic_solid import ElasticSolid
+from ..phases.free_fluid import FreeFluid
 from ..phases.interface_mixture import InterfaceMixture
 from ..phases.mesh_motion import MeshMotion
-from ..phases.setup import FluidSetup, MeshSetup, SolidSetup
-from ..phases.solid import SolidPhase
+from ..phases.setup import ElasticSolidSetup, FreeFluidSetup, MeshSetup
+from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
-from .conditions import components, dirichlet, essentials
-from .continuation import LoadFactor
-from .setups import MONOLITHIC, is_direct, materials_of
 from .start import put_at_start
 
 # Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for
@@ -46,54 +36,13 @@ CONDENSED = 1500
 SEES = {"partitioned": "trial", "weak": "predicted", "one_way": "nothing"}
 
 
-def interface_medium(scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> InterfaceMedium:
-    """Return the coupling of a scene without porous materials in its initial state (collective)."""
-    builder = _Builder(scene, mesh, stopwatch)
-    setups = builder.solid(), builder.fluid(), builder.motion()
-    solid = SolidPhase(setups[0])
-    fluid = FluidPhase(setups[1])
-    motion = MeshMotion(setups[2], fluid.domain, scene.model.viscosity)
-    put_at_start(scene, solid, fluid, motion, builder.transfer)
-    coupling = _coupling(builder, setups, solid, fluid, motion)
-    coupling.load_factor = builder.load_factor
-    coupling.notices = builder.notices
-    return coupling
+class InterfaceBuilder(Builder):
+    """Solids and free fluids on their parts of a mesh, and the motion of the fluid's mesh."""
 
-
-def _coupling(builder, setups, solid, fluid, motion):
-    """Return the coupling scheme of the phases (collective)."""
-    choice = builder.scene.coupling
-    conditions = builder.conditions()
-    transfer = builder.transfer
-
-    def accelerator(dot, name=choice.accelerator):
-        first = conditions.first_factor if choice.relaxation is None else choice.relaxation
-        return ACCELERATORS[name](dot, first, GUARD, choice.reuse_steps)
-
-    medium = solid, fluid, solid.mesh.comm, choice.tolerance, choice.max_iterations
-    both = {"motion": motion, "transfer": transfer}
-    if builder.scheme in MONOLITHIC:
-        mixture = InterfaceMixture(
-            solid, fluid, motion, setups, transfer.fluid_nodes, builder.scheme == "direct"
-        )
-        return InterfaceMonolithic(*medium, mixture, **both)
-    if builder.condenses:
-        answer = CondensedSolid(solid, fluid)
-        return CondensedCoupling(*medium, builder.scene.full_newton, answer=answer, **both)
-    medium = *medium, accelerator, builder.scene.full_newton
-    return InterfaceCoupling(
-        *medium, sees=SEES[builder.scheme], conditions=conditions, pressure=builder.pressure, **both
-    )
-
-
-class _Builder:
-    """The setups of the phases on their parts of a mesh."""
-
-    def __init__(self, scene, mesh, stopwatch):
-        self.scene = scene
-        self.mesh = mesh
-        self.load_factor = LoadFactor() if scene.time.scheme == "steady" else None
-        self._materials = materials = materials_of(scene, mesh)
+    def __init__(self, scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> None:
+        """Find the phases and what they share (collective)."""
+        super().__init__(scene, mesh, stopwatch)
+        materials = self.materials
         self._free = {region: m for region, m in materials.items() if m.is_free_fluid}
         self._solids = {
             region: m.immersed for region, m in materials.items() if not m.is_free_fluid
@@ -130,7 +79,46 @@ class _Builder:
         self.pressure = (
             InterfacePressure(fluid, solid, fluid_tags) if self.scheme == "one_way" else None
         )
-        self._common = {"direct": is_direct(mesh), "stopwatch": stopwatch, "split": "plain"}
+
+    def medium(self) -> InterfaceMedium:
+        """Return the coupling scheme with its phases in their initial state (collective)."""
+        solid = ElasticSolid(self.solid())
+        fluid = FreeFluid(self.fluid())
+        motion = MeshMotion(self.motion(), fluid.domain, self.scene.model.viscosity)
+        put_at_start(self.scene, solid, fluid, motion, self.transfer)
+        coupling = self._coupling(solid, fluid, motion)
+        coupling.load_factor = self.load_factor
+        coupling.notices = self.notices
+        return coupling
+
+    def _coupling(self, solid, fluid, motion):
+        """Return the coupling scheme of the phases (collective)."""
+        choice = self.scene.coupling
+        conditions = self.conditions()
+        transfer = self.transfer
+
+        def accelerator(dot, name=choice.accelerator):
+            first = conditions.first_factor if choice.relaxation is None else choice.relaxation
+            return self.accelerator(dot, name, first, GUARD)
+
+        medium = solid, fluid, solid.mesh.comm, choice.tolerance, choice.max_iterations
+        both = {"motion": motion, "transfer": transfer}
+        if self.scheme in MONOLITHIC:
+            interface = transfer.fluid_nodes
+            mixture = InterfaceMixture(solid, fluid, motion, interface, self.scheme == "direct")
+            return InterfaceMonolithic(*medium, mixture, **both)
+        if self._pair == "condensed":
+            answer = CondensedSolid(solid, fluid)
+            return CondensedCoupling(*medium, self.scene.full_newton, answer=answer, **both)
+        return InterfaceCoupling(
+            *medium,
+            accelerator,
+            self.scene.full_newton,
+            sees=SEES[self.scheme],
+            conditions=conditions,
+            pressure=self.pressure,
+            **both,
+        )
 
     def _scheme(self):
         """Return the `closed.InterfaceScheme` of the scene (collective)."""
@@ -175,11 +163,6 @@ class _Builder:
         return self._solid_domain, self._fluid_domain
 
     @property
-    def condenses(self):
-        """Return whether the fluid's matrix has the answer of the solid."""
-        return self._pair == "condensed"
-
-    @property
     def _moving(self):
         model = self.scene.model.moving_mesh and self.scheme != "one_way"
         return bool(model and self._fluid_domain.n_nodes)
@@ -200,87 +183,46 @@ class _Builder:
         """
         return self._sticks, self._sticks & self._held
 
-    def _loads(self, tags):
-        return tuple(
-            SurfaceLoad(self.mesh, tag, self._components(b.traction))
-            for b in self.scene.boundary
-            for tag in b.on
-            if tag in tags and components(b.traction)
-        )
-
     def _dirichlet(self, quantity, tags):
-        return dirichlet(self.scene, self.mesh, self.mesh.dim, self._essentials(quantity, tags))
+        return self.dirichlet(self.mesh.dim, self.essentials(quantity, tags))
 
-    def _essentials(self, quantity, tags):
-        """Return the `Essential`s on some tags, times the factor of a steady scene."""
-        found = essentials(self.scene, quantity, tags)
-        return [entry._replace(expression=self._scaled(entry.expression)) for entry in found]
-
-    def _components(self, vector):
-        return {i: self._scaled(expression) for i, expression in components(vector).items()}
-
-    def _scaled(self, expression):
-        return expression if self.load_factor is None else self.load_factor.of(expression)
-
-    def solid(self):
-        """Return the `SolidSetup`."""
-        return SolidSetup(
-            domain=self._solid_domain,
-            materials=self._solids,
-            body_force=self._components(self.scene.body_force.solid),
+    def solid(self) -> ElasticSolidSetup:
+        """Return the setup of the solid (collective)."""
+        domain = self._solid_domain
+        return ElasticSolidSetup(
             inertia=self.scene.model.solid_inertia,
             moving_mesh=self._moving and bool(self._pores),
             immersed=bool(self._pores),
             dirichlet=self._dirichlet("displacement", self._solid_tags),
-            loads=self._loads(self._solid_tags),
-            with_hessian=False,
-            mass_scaling=None,
+            surfaces=self.surfaces(domain, "momentum", self._solid_tags),
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             reaction=not all(
                 [has_facets(self._fluid_domain, force.on) for force in self.scene.force]
             ),
-            **self._common,
+            **self.common(domain, self._solids, "solid", "plain"),
         )
 
-    def fluid(self):
-        """Return the `FluidSetup`, its velocity prescribed by the solid on the interface."""
-        scene = self.scene
-        mesh = self.mesh
-        stabilization = self.scene.stabilization
-        given = self._essentials("velocity", self._fluid_tags)
-        return FluidSetup(
-            domain=self._fluid_domain,
-            materials=self._fluids,
-            body_force=self._components(scene.body_force.fluid),
-            inertia=scene.model.fluid_inertia,
+    def fluid(self) -> FreeFluidSetup:
+        """Return the setup of the fluid, its velocity prescribed by the solid on the interface
+        (collective).
+        """
+        domain = self._fluid_domain
+        given = self.essentials("velocity", self._fluid_tags)
+        known = self._known[1]
+        return FreeFluidSetup(
             moving_mesh=self._moving,
             velocity=self._velocity,
-            pressure=dirichlet(scene, mesh, 1, []),
-            loads=self._loads(self._fluid_tags),
-            fluxes=(),
+            surfaces=self.surfaces(domain, "momentum", self._fluid_tags),
             no_slip=self.transfer.fluid_nodes,
-            stress_nodes=np.zeros(mesh.n_local, dtype=bool),
-            free_surface=None,
-            has_auxiliary=False,
-            convection=scene.model.convection,
-            pspg=stabilization.pspg,
-            supg=stabilization.supg,
-            lsic=stabilization.lsic,
-            undrained=False,
             robin=None if self._pair == "dirichlet_neumann" else self._masses[0],
             held=self._held,
-            open_boundaries=self._open_boundaries(),
-            closed=closed_parts(scene, self._fluid_domain, self._velocity, given, self._known[1]),
-            **self._common,
+            closed=closed_parts(self.scene, domain, self._velocity, given, known),
+            **self.of_fluid(),
+            **self.common(domain, self._fluids, "fluid", "plain"),
         )
 
-    def _open_boundaries(self):
-        density = {region: material.rho_fR for region, material in self._materials.items()}
-        given = [(tag, b.backflow) for b in self.scene.boundary if b.backflow for tag in b.on]
-        return tuple(OpenBoundary(self._fluid_domain, tag, beta, density) for tag, beta in given)
-
-    def conditions(self):
+    def conditions(self) -> Conditions:
         """Return the `coupling.robin.Conditions` of the interface."""
         choice = self.scene.coupling
         mesh = self.mesh
@@ -309,17 +251,17 @@ class _Builder:
         """
         sums = np.zeros(1)
         for region, span in domain.region_slices.items():
-            values = np.array([1.0, *properties(self._materials[region])])
+            values = np.array([1.0, *properties(self.materials[region])])
             sums = sums + values * domain.reference.dV[span][domain.owned[span]].sum()
         sums = self.mesh.comm.allreduce(sums)
         return sums[0], *(sums[1:] / sums[0])
 
-    def motion(self):
+    def motion(self) -> MeshSetup:
         """Return the `MeshSetup`: a boundary of the fluid without a prescribed displacement is
         fixed up to the next one with.
         """
         section = self.scene.mesh_motion
-        given = self._essentials("displacement", self._fluid_tags)
+        given = self.essentials("displacement", self._fluid_tags)
         fixed = self._fluid_tags - {entry.tag for entry in given}
         given += [
             Essential(tag, i, Expression(0.0), -np.inf)
@@ -333,10 +275,12 @@ class _Builder:
             body_force={},
             inertia=False,
             moving_mesh=self._moving,
+            split="plain",
+            direct=is_direct(self.mesh),
+            stopwatch=self.stopwatch,
             law=MESH_MOTION[section.law](poisson / (1 - 2 * poisson), 0.5),
             stiffening=section.stiffening,
             carried=self._solid_domain.holds | self.transfer.fluid_nodes,
             transfer=self.transfer,
-            dirichlet=dirichlet(self.scene, self.mesh, self.mesh.dim, given),
-            **self._common,
+            dirichlet=self.dirichlet(self.mesh.dim, given),
         )

@@ -23,13 +23,13 @@ from ..kernels.stabilization import convective_scale
 from ..materials.elastic import deformation, green_strain
 from ..materials.porous import PorousMaterial
 from ..phases.residual import Residual
-from ..phases.transfer import Skeleton
+from ..phases.transfer import MeshState
 from ..tensors import det_minus_one, transpose
 from .auto import AnyMedium, at_start
+from .builder import materials_of
 from .flow_reference import FlowComparison
 from .lasting import Lasting
 from .reference import Comparison
-from .setups import materials_of
 
 if TYPE_CHECKING:
     from .loop import Clock
@@ -135,7 +135,7 @@ class Measures:
 
     # -- fields ------------------------------------------------------------------------------------
 
-    def porosity(self, skeleton: Skeleton) -> np.ndarray:
+    def porosity(self, skeleton: MeshState) -> np.ndarray:
         """Return n_f at the nodes, (n_owned, 1)."""
         values = np.empty((self._fluid.n_cells, 1))
         for region, span in self._fluid.region_slices.items():

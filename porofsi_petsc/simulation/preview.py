@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 from ..config import Scene
 from ..errors import InputError
 from .auto import AnyMedium, at_start, auto_terms
+from .builder import entries, materials_of
+from .conditions import components, nodes_of
 from .loop import Clock
 from .measures import Measures
 from .report import modelled, unknowns
-from .setups import components, entries, materials_of, nodes_of
 
 # times at which a formula is looked at, evenly over the run; as many again towards its start
 SAMPLES = 40

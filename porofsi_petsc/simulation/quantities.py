@@ -32,7 +32,14 @@ class Quantities:
 
     def values(self, t: float) -> list[float]:
         """Return the values at the present time t [s], one for each column (collective)."""
-        return self._probe_values() + (self._forces.at(t) if self._forces else [])
+        forces = self._forces.at(t) if self._forces else []
+        return self._probe_values() + forces + self._surface_values()
+
+    def _surface_values(self):
+        """Return what conditions on surfaces record, in the order of the scene."""
+        coupling = self._coupling
+        recorded = coupling.solid.surfaces.recorded() | coupling.fluid.surfaces.recorded()
+        return [recorded[column] for column in self._scene.surface_columns]
 
     def _probe_values(self):
         values = {}

@@ -27,7 +27,7 @@ from ..fem.domain import Domain
 from ..fem.geometry import Rule, geometry
 from ..materials import ElasticLaw
 from ..output.probes import Probes
-from .setups import elastic_law
+from .builder import elastic_law
 
 if TYPE_CHECKING:
     from .loop import Clock

@@ -60,7 +60,7 @@ def summarize(
         "linear_iterations": {name: _linear_iterations(blocks.get(name)) for name in BLOCKS},
         "assemblies": {name: blocks[name].assemblies if name in blocks else 0 for name in BLOCKS},
         "factorizations": {name: _factorizations(blocks.get(name)) for name in BLOCKS},
-        "mesh_motion": _mesh_motion(blocks.get("mesh")),
+        "mesh_motion": _mesh_motion(getattr(coupling, "motion", None)),
         "energy": simulation.energy.report(),
         "peak_memory_bytes": _peak_memory(comm),
         "modelled": modelled(scene, loop.model),

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..conditions import CONDITIONS
 from ..config import Scene
+from ..config.conditions import excluded_by, named
 from ..errors import InputError, digits
 from ..fem.domain import Domain
 from ..mesh.check import require_tags
@@ -50,7 +52,7 @@ def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Pa
             for quantity in boundary.given():
                 place = f"{where} [boundary.{i}.{quantity}]: tag '{tag}'"
                 _require_phase(quantity.partition(".")[0], sides[tag], place)
-                for other in _excluded_by(quantity, sides[tag]):
+                for other in sorted(_excluded(quantity, sides[tag])):
                     if (tag, other) in taken:
                         first = f"boundary.{taken[tag, other]}.{other}"
                         raise InputError(
@@ -113,31 +115,38 @@ def _require_phase(name, phases, place):
         raise InputError(
             f"{place} lies between solid and fluid, which set the conditions there; remove it"
         )
-    if name in ("velocity", "backflow") and phases == {"solid"}:
-        advice = "prescribe a displacement instead" if name == "velocity" else "leave it out"
-        raise InputError(f"{place} is on the solid, expected a surface of the fluid; {advice}")
-    if name == "traction" and len(phases) > 1:
+    if name == "velocity" and phases == {"solid"}:
+        raise InputError(
+            f"{place} is on the solid, expected a surface of the fluid; prescribe a displacement"
+            " instead"
+        )
+    if name in CONDITIONS:
+        _require_behind(CONDITIONS[name], phases, place)
+
+
+def _require_behind(condition, phases, place):
+    """Raise InputError where a condition has another material behind it, or several."""
+    wrong = phases - set(condition.behind)
+    if wrong:
+        raise InputError(
+            f"{place} is on the {' and '.join(sorted(wrong))}, expected a surface of a"
+            f" {named(condition)}; {condition.otherwise}"
+        )
+    if len(phases) > 1:
         text = "expected a surface of one of them; give each part a tag of its own"
         raise InputError(f"{place} is on {' and '.join(sorted(phases))}, {text}")
-    if name == "traction" and phases == {"porous"}:
+    if phases == {"porous"}:
         raise InputError(
             f"{place} is on a porous solid beside a free fluid, where loads are not divided; leave"
             " it out"
         )
 
 
-def _excluded_by(quantity, phases):
+def _excluded(quantity, phases):
     """Return what may not stand beside a quantity, itself included: on a fluid `displacement` is
     that of the mesh.
     """
-    name, _, component = quantity.partition(".")
-    essential = "velocity" if "fluid" in phases else "displacement"
-    return {
-        "displacement": [quantity] + [f"traction.{component}"] * (essential == "displacement"),
-        "velocity": [quantity, f"traction.{component}"],
-        "traction": [quantity, f"{essential}.{component}"],
-        "backflow": [quantity],
-    }[name]
+    return {quantity}.union(*(excluded_by(quantity, kind) for kind in phases - {"interface"}))
 
 
 def _check_forces(scene, mesh, sides, where):

@@ -23,6 +23,7 @@ from ..linalg.stopwatch import Stopwatch
 from ..output.checkpoint import open_checkpoint
 from ..output.files import on_root
 from .build import build_coupling, local_mesh
+from .builder import materials_of
 from .checkpoint import write
 from .energy import Energy
 from .fields import Fields
@@ -30,7 +31,6 @@ from .loop import TimeLoop
 from .measures import Measures
 from .quantities import Quantities
 from .restart import resume
-from .setups import materials_of
 
 SHORTEST = 1e-9  # step, in those of the scene, that `run` is asked for
 

@@ -84,7 +84,7 @@ class _Start:
         """Return whether p is given and that of all drained surfaces at 0+ (collective)."""
         if self._initial.pressure is None:
             return False
-        conditions = self._fluid.pressure.conditions
+        conditions = self._fluid.pressures
         p = self.pressure()[:, None]
         values = self._values(conditions, self._now)
         scale = self._largest(p, *values, *self._values(conditions, self._scene.time.step))

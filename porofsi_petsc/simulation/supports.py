@@ -13,6 +13,7 @@ from scipy.linalg import qr
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ..conditions import CONDITIONS
 from ..config import Scene
 from ..errors import InputError
 from ..mesh.check import place
@@ -79,13 +80,14 @@ def _has_inertia(scene):
 
 
 def _held(scene, mesh, cells):
-    """Return where displacements of the solid are prescribed, (N, d) bool."""
+    """Return where displacements of the solid are prescribed or resisted, (N, d) bool."""
     held = np.zeros(mesh.points.shape, dtype=bool)
     for boundary in scene.boundary:
+        springs = any(CONDITIONS[name].holds for name in boundary.surface_conditions())
         components = [
             i
             for i, axis in enumerate(AXES[: mesh.dim])
-            if getattr(boundary.displacement, axis) is not None
+            if springs or getattr(boundary.displacement, axis) is not None
         ]
         for tag in boundary.on if components else ():
             if (locate_facets(mesh.facets[tag], cells, mesh.element)[0] >= 0).any():

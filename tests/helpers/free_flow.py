@@ -108,7 +108,7 @@ def solved(flow, *options, disturbance=0.0):
     scene = load_scene(SCENE, (*flow.overrides(), *options))
     coupling = Simulation(scene, mesh=square(scene)).coupling
     fluid = coupling.fluid
-    fluid._setup = replace(fluid._setup, body_force=_sources(flow, coupling))
+    fluid.setup = replace(fluid.setup, body_force=_sources(flow, coupling))
     fluid.a[:] = at(flow.exact["rate"], 0.0, fluid.mesh.X)
     fluid.reset()
     _disturb(coupling, disturbance)
@@ -129,7 +129,7 @@ def _disturb(coupling, size):
     fluid = coupling.fluid
     begin = coupling._begin
     rng = np.random.default_rng(2)
-    free = ~fluid._setup.mask[: fluid.mesh.n_owned]
+    free = ~fluid.setup.mask[: fluid.mesh.n_owned]
 
     def begin_elsewhere(*arguments):
         begin(*arguments)

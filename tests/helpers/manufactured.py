@@ -9,27 +9,25 @@ materials: the balances are written out once more.
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from unittest import mock
 
 import numpy as np
 import sympy as sp
 from mpi4py import MPI
 from running import SCENES
+from surfaces import flux, traction
 
-from porofsi_petsc.fem.boundary import SurfaceLoad
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.fem.domain import Configuration, Domain
 from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.linalg.stopwatch import Stopwatch
-from porofsi_petsc.phases.fluid import FluidPhase
-from porofsi_petsc.phases.solid import SolidPhase
-from porofsi_petsc.phases.transfer import Flow, Rates, Skeleton
-from porofsi_petsc.simulation import build
+from porofsi_petsc.phases.pore_fluid import PoreFluid
+from porofsi_petsc.phases.skeleton import Skeleton
+from porofsi_petsc.phases.transfer import Flow, MeshState, Rates
 from porofsi_petsc.simulation.build import serial_mesh
 from porofsi_petsc.simulation.loop import Clock
-from porofsi_petsc.simulation.setups import fluid_setup, materials_of, solid_setup
+from porofsi_petsc.simulation.porous import PorousBuilder
 
 SCENE = str(SCENES / "manufactured.toml")
 x, y, t = sp.symbols("x y t", real=True)
@@ -270,33 +268,33 @@ def entries(sides, functions):
     return [(side, i, f) for side in sides for i, f in enumerate(functions)]
 
 
-def skeleton_setup(truth, scene, domain, materials, flow=True):
-    """Return the `SolidSetup` with the sources of a solution, of the medium or of the skeleton
+def skeleton_setup(truth, scene, domain, flow=True):
+    """Return the `SkeletonSetup` with the sources of a solution, of the medium or of the skeleton
     alone: traction on the top.
     """
     mesh = domain.mesh
-    setup = solid_setup(scene, domain, materials, Stopwatch())
+    setup = PorousBuilder(scene, mesh, Stopwatch(), domain).skeleton()
     return replace(
         setup,
         body_force=dict(enumerate(truth.solid_body_force if flow else truth.dry_body_force)),
         dirichlet=Dirichlet(mesh, 2, entries(CLOSED, truth.exact["u"])),
-        loads=(SurfaceLoad(mesh, "top", dict(enumerate(truth.traction("top", flow)))),),
+        surfaces=(traction(domain, "top", truth.traction("top", flow)),),
     )
 
 
-def flow_setup(truth, scene, domain, materials):
-    """Return the `FluidSetup` with the sources of a solution: pressure on the top, flux elsewhere,
-    velocity if needed.
+def flow_setup(truth, scene, domain):
+    """Return the `PoreFluidSetup` with the sources of a solution: pressure on the top, flux
+    elsewhere, velocity if needed.
     """
     mesh = domain.mesh
-    setup = fluid_setup(scene, domain, materials, Stopwatch())
+    setup = PorousBuilder(scene, mesh, Stopwatch(), domain).fluid()
     needs_velocity = truth.scene.model.viscosity or truth.scene.model.convection
     return replace(
         setup,
         body_force=dict(enumerate(truth.fluid_body_force)),
         velocity=Dirichlet(mesh, 2, entries(NORMALS, truth.exact["v_f"]) if needs_velocity else []),
         pressure=Dirichlet(mesh, 1, entries(["top"], truth.exact["p"])),
-        fluxes=tuple(SurfaceLoad(mesh, side, {0: truth.flux(side)}) for side in CLOSED),
+        fluxes=tuple(flux(domain, side, truth.flux(side)) for side in CLOSED),
     )
 
 
@@ -340,8 +338,8 @@ def converge(residuals, correct):
 
 def solid_alone(truth, scene):
     """Return the skeleton without fluid at the end of the scene."""
-    domain, materials = _domain(scene)
-    solid = SolidPhase(skeleton_setup(truth, scene, domain, materials, flow=False))
+    domain = _domain(scene)
+    solid = Skeleton(skeleton_setup(truth, scene, domain, flow=False))
     put_at_start(truth, solid=solid)
     for time, (scheme, _), rates in steps_to_end(scene):
         rates = Rates(0.0, rates.c_v, rates.c_a)  # no fluid that the skeleton would drag
@@ -349,7 +347,7 @@ def solid_alone(truth, scene):
 
         def correct(residuals, rates=rates):
             solid.renew_tangent(rates)
-            solid.add(solid.solver.solve(-residuals[0].total.ravel()).reshape(-1, 2))
+            solid.correct(residuals[0].total)
 
         converge(lambda: [solid.residual(Flow(solid.velocity, np.zeros(domain.n_local)))], correct)
         solid.accept()
@@ -358,10 +356,8 @@ def solid_alone(truth, scene):
 
 def fluid_alone(truth, scene):
     """Return the fluid on a skeleton that moves as prescribed, at the end of the scene."""
-    domain, materials = _domain(scene)
-    fluid = FluidPhase(
-        replace(flow_setup(truth, scene, domain, materials), split="plain", has_auxiliary=False)
-    )
+    domain = _domain(scene)
+    fluid = PoreFluid(replace(flow_setup(truth, scene, domain), split="plain", has_auxiliary=False))
     put_at_start(truth, fluid=fluid)
     for time, (_, scheme), rates in steps_to_end(scene):
         rates = Rates(rates.c_f, 0.0, 0.0)  # no skeleton that would answer
@@ -380,7 +376,7 @@ def fluid_alone(truth, scene):
 
 
 def prescribed_skeleton(truth, domain, time, scheme, part):
-    """Return the `Skeleton` at a part of the step: values between those at its ends, as the solid
+    """Return the `MeshState` at a part of the step: values between those at its ends, as the solid
     phase has them.
     """
     X = domain.mesh.X
@@ -391,7 +387,21 @@ def prescribed_skeleton(truth, domain, time, scheme, part):
         for name in ("u", "v_s")
     )
     configuration = Configuration.at(domain, X + moving * u, truth.scene.model.viscosity)
-    return Skeleton(configuration, v, truth.at("v_s", end, X), u, moving)
+    return MeshState(configuration, v, truth.at("v_s", end, X), u, moving)
+
+
+class _WithSources(PorousBuilder):
+    """Builds a scene with the sources of a solution."""
+
+    def __init__(self, truth, scene):
+        super().__init__(scene, square(scene), Stopwatch())
+        self._truth = truth
+
+    def skeleton(self):
+        return skeleton_setup(self._truth, self.scene, self.domain)
+
+    def fluid(self):
+        return flow_setup(self._truth, self.scene, self.domain)
 
 
 def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
@@ -402,17 +412,7 @@ def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
     every step
     """
     start()
-    setups = {
-        "solid_setup": lambda scene, domain, materials, _: skeleton_setup(
-            truth, scene, domain, materials
-        ),
-        "fluid_setup": lambda scene, domain, materials, _: flow_setup(
-            truth, scene, domain, materials
-        ),
-        "_start": lambda medium, scene: None,  # the scene has not the initial state of the solution
-    }
-    with mock.patch.multiple(build, **setups):
-        coupling = build.build_coupling(scene, square(scene), Stopwatch())
+    coupling = _WithSources(truth, scene).medium()
     put_at_start(truth, coupling.solid, coupling.fluid, as_scene)
     if scene.time.consistent_start:
         coupling.start(*Clock(scene.time).starting_schemes(scene.model))
@@ -425,8 +425,7 @@ def medium(truth, scene, as_scene=False, watch=lambda coupling: None):
 
 def _domain(scene):
     start()
-    mesh = square(scene)
-    return Domain(mesh), materials_of(scene, mesh)
+    return Domain(square(scene))
 
 
 # -- errors and orders -----------------------------------------------------------------------------

@@ -125,16 +125,16 @@ def solve(case, direct, petsc="", steps=2):
     factorizations.
     """
     options.start(petsc)
-    from porofsi_petsc.simulation import setups
+    from porofsi_petsc.simulation import builder
 
     scene = case.scene(steps)
     mesh = local_mesh(scene, MPI.COMM_WORLD)
-    chosen = setups.is_direct
-    setups.is_direct = lambda mesh: direct
+    chosen = builder.is_direct
+    builder.is_direct = lambda mesh: direct
     try:
         coupling = Simulation(scene, mesh=mesh).coupling
     finally:
-        setups.is_direct = chosen
+        builder.is_direct = chosen
     clock = Clock(scene.time)
     iterations = []
     for step in range(steps):
@@ -146,10 +146,10 @@ def solve(case, direct, petsc="", steps=2):
     solid = coupling.solid
     fluid = coupling.fluid
     fields = [_natural(mesh, array[:n]) for array in (solid.u, fluid.v, fluid.p)]
-    counts = [phase.solver.iterations_max for phase in (fluid, solid)]
-    outcome = Outcome(iterations, *counts, *fields, mesh, fluid.solver.ksp.getTolerances()[0])
+    counts = [phase.block.solver.iterations_max for phase in (fluid, solid)]
+    outcome = Outcome(iterations, *counts, *fields, mesh, fluid.block.solver.ksp.getTolerances()[0])
     for phase in (solid, fluid):
-        phase.solver.destroy()
+        phase.block.solver.destroy()
     return outcome
 
 

@@ -1,68 +1,83 @@
-"""What a constitutive law is to the rest of the package: its parameters in a scene, and its name in
-a registry.
+"""What laws and boundary conditions are to the rest of the package: their parameters in a scene,
+and their names in a registry.
 """
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import entry_points
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 
 class Parameter(NamedTuple):
-    """A number of a law that a scene gives: its unit, what it is, its range, its value in tests.
+    """What a scene gives to a law or a condition: its unit, what it is, its range, its value in
+    tests.
 
-    above : exclusive; default : None where the scene has to give it
+    kind : "number", "formula" of time and position, or "vector" of formulas; above : exclusive;
+    default : None where the scene has to give it
     """
 
+    kind: Literal["number", "formula", "vector"]
     unit: str
     meaning: str
     above: float | None
+    at_least: float | None
     at_most: float | None
     default: float | None
-    example: float
+    example: Any
 
 
 def parameter(
     unit: str,
     meaning: str,
     *,
-    example: float,
+    example: Any,
+    kind: Literal["number", "formula", "vector"] = "number",
     above: float | None = None,
+    at_least: float | None = None,
     at_most: float | None = None,
     default: float | None = None,
 ) -> Any:
-    """Return the field of a law's dataclass that a scene gives under the same name; see
-    `Parameter`.
+    """Return the field of a dataclass that a scene gives under the same name; see `Parameter`.
 
-    example : an admissible value, with which the tests of all laws run.
+    example : an admissible value, with which the tests of all that is registered run.
     """
-    found = Parameter(unit, meaning, above, at_most, default, example)
+    found = Parameter(kind, unit, meaning, above, at_least, at_most, default, example)
     given: dict[str, Any] = {} if default is None else {"default": default}
     return dataclasses.field(kw_only=True, metadata={"parameter": found}, **given)
 
 
 def parameters(law: type) -> dict[str, Parameter]:
-    """Return the parameters that a law has beside those of all laws, by the key of the scene."""
+    """Return the parameters that a law or condition has beside those of all, by the key of the
+    scene.
+    """
     fields = dataclasses.fields(law)
     return {
         field.name: field.metadata["parameter"] for field in fields if "parameter" in field.metadata
     }
 
 
-def examples(law: type) -> dict[str, float]:
-    """Return an admissible value for each parameter of a law."""
+def examples(law: type) -> dict[str, Any]:
+    """Return an admissible value for each parameter of a law or condition."""
     return {name: entry.example for name, entry in parameters(law).items()}
+
+
+def _in_range(value, entry):
+    return (
+        (entry.above is None or value > entry.above)
+        and (entry.at_least is None or value >= entry.at_least)
+        and (entry.at_most is None or value <= entry.at_most)
+    ) and value == value
 
 
 # Names that the table of a law has in a scene, whatever the law.
 OF_TABLES = frozenset("law of_law common copy dict json schema construct validate".split())
 
 
-class Registry(Mapping):
-    """Name in a scene -> law.  Packages add theirs by entry points of the group, scripts by
-    `register`.
+class Registry(Mapping[str, Any]):
+    """Name in a scene -> law or condition.  Packages add theirs by entry points of the group,
+    scripts by `register`.
 
-    changed : called after a law has come
+    changed : called after one has come
     """
 
     def __init__(
@@ -71,15 +86,17 @@ class Registry(Mapping):
         group: str,
         laws: Mapping[str, type],
         taken: Iterable[str] = (),
+        reserved: Iterable[str] = (),
         check: Callable[[type], None] = lambda law: None,
     ) -> None:
         """Take what its laws are called in messages, the group of entry points, and the laws of
-        this package; taken : keys of the scene that no parameter may have; check : raises
-        ValueError where a law that comes breaks the contract.
+        this package; taken : keys of the scene that no parameter may have; reserved : names that
+        are something else; check : raises ValueError where one that comes breaks the contract.
         """
         self._kind = kind
         self._group = group
         self._taken = OF_TABLES | frozenset(taken)
+        self._reserved = frozenset(reserved)
         self._check = check
         self._laws = dict(laws)
         self._complete = False
@@ -100,7 +117,15 @@ class Registry(Mapping):
 
         return add
 
+    def forget(self, name: str) -> None:
+        """Take a name out again."""
+        del self._laws[name]
+        for tell in self.changed:
+            tell()
+
     def _add(self, name, law):
+        if name in self._reserved or not name.isidentifier():
+            raise ValueError(f"{self._kind} '{name}': expected another name, a new word")
         known = self._laws.get(name)
         if known is not None and (known.__module__, known.__qualname__) != (
             law.__module__,
@@ -123,9 +148,7 @@ class Registry(Mapping):
                 raise ValueError(f"the parameter '{key}' has the name of something else")
             for what in ("default", "example"):
                 value = getattr(entry, what)
-                low = entry.above is not None and value is not None and value <= entry.above
-                high = entry.at_most is not None and value is not None and value > entry.at_most
-                if low or high or value != value:
+                if entry.kind == "number" and value is not None and not _in_range(value, entry):
                     raise ValueError(f"the {what} of '{key}', {value}, is out of its range")
 
     @property
@@ -136,7 +159,7 @@ class Registry(Mapping):
                 self._add(entry.name, entry.load())
         return self._laws
 
-    def __getitem__(self, name: str) -> type:
+    def __getitem__(self, name: str) -> Any:
         return self._all[name]
 
     def __iter__(self) -> Iterator[str]:

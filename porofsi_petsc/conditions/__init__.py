@@ -1,0 +1,32 @@
+"""Conditions on surfaces by the names that [[boundary]] gives them: adding one is one file and one
+line here, or `register` in a script.
+"""
+
+from ..registry import Registry
+from .backflow import Backflow
+from .condition import LowRank, Slope, State, Surface, SurfaceCondition
+from .contract import check_condition
+from .flux import Flux
+from .traction import DeadLoad, Traction
+
+__all__ = [
+    "CONDITIONS",
+    "DeadLoad",
+    "LowRank",
+    "Slope",
+    "State",
+    "Surface",
+    "SurfaceCondition",
+]
+
+CONDITIONS = Registry(
+    "boundary condition",
+    "porofsi_petsc.conditions",
+    {
+        "traction": Traction,
+        "flux": Flux,
+        "backflow": Backflow,
+    },
+    reserved=("on", "displacement", "velocity", "pressure", "no_slip", "priority"),
+    check=check_condition,
+)

@@ -1,0 +1,143 @@
+"""What every condition on a surface has: what a scene says of it, its part in the balances, its
+state.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from ..clock import Scheme
+
+Kind = Literal["porous", "solid", "fluid"]  # of the material behind a surface
+
+
+class Surface(Protocol):
+    """The facets of one tag on a rank, F of them, with Af nodes each."""
+
+    nodes: np.ndarray  # (F, Af)
+    order: int  # of the shape functions
+
+    @property
+    def X(self) -> np.ndarray:
+        """Return the reference positions of the nodes, (F, Af, d) [m]."""
+
+    def rule(self, degree: int) -> Any:
+        """Return the rule that is exact for polynomials of a degree: N (Q, Af), dN (Q', Af, d - 1),
+        weights (Q,).
+        """
+
+    def gather(self, field: np.ndarray) -> np.ndarray:
+        """Return the values of a nodal field (n_local, ...) on the facets, (F, Af, ...)."""
+
+    def normal(self, rule: Any, u: np.ndarray | None = None) -> np.ndarray:
+        """Return the outward normals times dA at the points of a rule, (F, Q, d) [m^(d-1)], where
+        a displacement u (n_local, d) [m] has taken the surface; in the reference without.
+        """
+
+    def of_material(self, name: str) -> np.ndarray:
+        """Return an attribute of the `PorousMaterial` behind the facets, (F, 1)."""
+
+    def sum(self, values: np.ndarray) -> float:
+        """Return the sum of values (F,) over the facets of all ranks (collective)."""
+
+
+class State(NamedTuple):
+    """What a condition sees at one time t [s], on the collocation level where a step is solved.
+
+    Nodal fields with ghosts: u (n_local, d) [m] of the solid or of the fluid's mesh; v (n_local, d)
+    [m/s] of the phase; c (n_local, d) [m/s] of a fluid relative to its mesh; p (n_local,) [Pa] of a
+    fluid.
+    """
+
+    t: float
+    u: np.ndarray
+    v: np.ndarray
+    c: np.ndarray | None = None
+    p: np.ndarray | None = None
+
+
+class Slope(NamedTuple):
+    """How u [m] and v [m/s] of a node follow the unknown of its phase: 1, c_v [1/s] where it is u
+    of a solid; 0, 1 where it is v of a fluid.
+    """
+
+    u: float
+    v: float
+
+
+class LowRank(NamedTuple):
+    """A part b C bᵀ of a tangent that couples all nodes of a surface: b on the facets, (F, Af, k),
+    and C.
+    """
+
+    vectors: np.ndarray
+    factor: float
+
+
+@dataclass
+class SurfaceCondition:
+    """A term of the residual of one phase on one tagged surface; each surface has its own object.
+
+    A new one: a subclass with `residual`, its parameters as `registry.parameter` fields, what
+    follows here, and a line of the registry.  Its fields are the keys of a table that has its name
+    in [[boundary]]; a single field `value` is what the name itself is given.
+
+    balance : of which the residual is, "momentum" [N] or "volume" [m³/s]; behind : the kinds of
+    material it may be on; excludes : kind -> what may not be prescribed on the surface beside it,
+    "displacement", "velocity" or "traction" component by component where it has components itself;
+    columns : what the history records of a surface -> unit; otherwise : what to do where another
+    material is behind the surface; dead : whether the residual depends on the time alone;
+    holds : whether it resists every displacement of the surface, as a spring does, so that nothing
+    else has to hold a body without inertia
+    """
+
+    balance: ClassVar[Literal["momentum", "volume"]] = "momentum"
+    behind: ClassVar[tuple[Kind, ...]] = ()
+    excludes: ClassVar[Mapping[Kind, tuple[str, ...]]] = {}
+    columns: ClassVar[Mapping[str, str]] = {}
+    otherwise: ClassVar[str] = "leave it out"
+    dead: ClassVar[bool] = False
+    holds: ClassVar[bool] = False
+
+    def bind(self, surface: Surface) -> None:
+        """Take the surface, once, before the first step (collective)."""
+        self.surface = surface
+
+    def begin_step(self, scheme: Scheme, t: float) -> None:
+        """Start a step from the accepted state at time t [s] (collective)."""
+
+    def residual(self, state: State) -> np.ndarray:
+        """Return what the surface adds to the residual of the balance, internal minus external,
+        (F, Af, k) [N or m³/s] (collective).
+        """
+        raise NotImplementedError
+
+    def tangent(self, state: State, slope: Slope) -> np.ndarray | None:
+        """Return the derivative of the residual on a facet by the unknown of its nodes, (F, Af, k,
+        Af, k), None where it is zero.
+
+        What else the residual depends on is left out: the iteration sees it.
+        """
+        return None
+
+    def low_rank(self, state: State, slope: Slope) -> LowRank | None:
+        """Return what couples all nodes of the surface in the same derivative, None where nothing
+        does (collective).
+        """
+        return None
+
+    def accept(self, state: State) -> None:
+        """Make the trial step, which ended with this state, the accepted one (collective)."""
+
+    def memory(self) -> dict[str, Any]:
+        """Return what a restart needs, with a JSON form."""
+        return {}
+
+    def load(self, memory: dict[str, Any]) -> None:
+        """Continue from `memory`."""
+
+    def recorded(self) -> tuple[float, ...]:
+        """Return the values of `columns` in the accepted state, the same on every rank."""
+        return ()

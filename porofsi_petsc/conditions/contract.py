@@ -1,0 +1,180 @@
+"""What the rest of the package takes for granted of a condition, looked at on registration."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..clock import first_order, second_order
+from ..elements import FAMILIES
+from ..kernels.surface import facet_normal
+from ..registry import examples, parameters
+from .condition import Kind, Slope, State, SurfaceCondition
+
+STEP = 1e-6  # of differences
+# Errors of differences are of STEP² and 1e-16/STEP; a tangent that is wrong is off by parts of it.
+SMALL = 1e-6
+MATERIAL = {"rho_fR": 1.3, "rho_sR": 2.1, "viscosity": 0.2}
+BY = {"fluid": Slope(0.0, 1.0), "solid": Slope(1.0, 3.0), "porous": Slope(1.0, 3.0)}
+
+
+@dataclass(frozen=True)
+class _Rule:
+    N: np.ndarray
+    dN: np.ndarray
+    weights: np.ndarray
+
+
+class SampleSurface:
+    """Two facets beside each other, as `conditions.condition.Surface` wants them."""
+
+    order = 1
+
+    def __init__(self, dim: int) -> None:
+        """Make two lines, or two triangles."""
+        facet = FAMILIES["triangle" if dim == 2 else "tetrahedron"][0].facet
+        assert facet is not None  # of a cell
+        self._facet = facet
+        points = [[0, 0], [1, 0.1], [1.9, 0.3]]
+        if dim == 3:
+            points = [[0, 0, 0], [1, 0.1, 0.2], [1.1, 1, 0.1], [0.1, 1, 0.3]]
+        self.nodes = np.array([[0, 1], [1, 2]] if dim == 2 else [[0, 1, 2], [0, 2, 3]])
+        self._points = np.array(points, dtype=float)
+        self.n = len(points)
+
+    @property
+    def X(self) -> np.ndarray:
+        """Return the reference positions of the nodes, (F, Af, d)."""
+        return self._points[self.nodes]
+
+    def rule(self, degree: int) -> _Rule:
+        """Return the rule of a degree."""
+        points, weights = self._facet.cell.quadrature(degree)
+        return _Rule(self._facet.shape(points), self._facet.gradient(points), weights)
+
+    def gather(self, field: np.ndarray) -> np.ndarray:
+        """Return the values on the facets."""
+        return field[self.nodes]
+
+    def normal(self, rule: _Rule, u: np.ndarray | None = None) -> np.ndarray:
+        """Return the normals times dA."""
+        x = self.X if u is None else self.X + u[self.nodes]
+        return facet_normal(rule.dN, rule.weights, x)
+
+    def of_material(self, name: str) -> np.ndarray:
+        """Return an attribute of a material, (F, 1)."""
+        return np.full((len(self.nodes), 1), MATERIAL[name])
+
+    def sum(self, values: np.ndarray) -> float:
+        """Return the sum of values (F,)."""
+        return float(values.sum())
+
+
+def sample(condition: type[SurfaceCondition], dim: int, kind: Kind) -> SurfaceCondition:
+    """Return a condition with its examples on a `SampleSurface` of a kind, in the first step."""
+    found = condition(**{key: _value(condition, key) for key in examples(condition)})
+    found.bind(SampleSurface(dim))
+    found.begin_step((first_order if kind == "fluid" else second_order)(0.5, 0.1), 0.0)
+    return found
+
+
+def _value(condition, key):
+    """Return an example; formulas are constant."""
+    entry = parameters(condition)[key]
+
+    def constant(number):
+        return lambda t, X: np.full(len(X), float(number))
+
+    if entry.kind == "number":
+        return entry.example
+    if entry.kind == "formula":
+        return constant(entry.example)
+    return {"xyz".index(axis): constant(number) for axis, number in entry.example.items()}
+
+
+def check_condition(condition: type[SurfaceCondition]) -> None:
+    """Raise ValueError where a condition breaks its contract in two or three dimensions.
+
+    It says behind which materials it may be; its residual has a vector, or of the volume balance a
+    number, for each node of a facet; its tangent, local and of low rank, is the slope of the
+    residual; it records what its columns name.
+    """
+    if not condition.behind:
+        raise ValueError("`behind` names no kind of material")
+    for dim, kind in itertools.product((2, 3), condition.behind):
+        body = sample(condition, dim, kind)
+        k = dim if condition.balance == "momentum" else 1
+        residual = body.residual(sample_state(dim))
+        if residual.shape != (*body.surface.nodes.shape, k) or not np.isfinite(residual).all():
+            raise ValueError(f"the residual is not a finite array {body.surface.nodes.shape, k}")
+        if len(body.recorded()) != len(condition.columns):
+            raise ValueError("`recorded` has not one value for each of `columns`")
+        if condition.balance == "momentum":
+            _check_tangent(condition, dim, kind)
+
+
+def sample_state(dim: int) -> State:
+    """Return a state in which fluid enters and leaves."""
+    random = np.random.default_rng(dim)
+    n = SampleSurface(dim).n
+    u, v, c = (0.1 * random.standard_normal((n, dim)) for _ in range(3))
+    return State(0.07, u, v - 0.3, c - 0.3, random.standard_normal(n))
+
+
+def slopes(
+    condition: type[SurfaceCondition], dim: int, kind: Kind
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tangent of a condition, and the central differences of its residual by the unknown
+    of its nodes, (n k, n k) each.
+    """
+    body = sample(condition, dim, kind)
+    state = sample_state(dim)
+    n = SampleSurface(dim).n
+    differences = np.empty((n, dim, n, dim))
+    for node in range(n):
+        for i in range(dim):
+            ends = [
+                _nodal(body, body.residual(_moved(kind, state, node, i, sign * STEP)))
+                for sign in (1, -1)
+            ]
+            differences[:, :, node, i] = (ends[0] - ends[1]) / (2 * STEP)
+    return _tangent(body, state, BY[kind]), differences.reshape(n * dim, n * dim)
+
+
+def _moved(kind, state, node, component, step):
+    """Return the state with another unknown."""
+    change = np.zeros_like(state.v)
+    change[node, component] = step
+    slope = BY[kind]
+    v = slope.v * change
+    return state._replace(u=state.u + slope.u * change, v=state.v + v, c=state.c + v)
+
+
+def _nodal(body, vectors):
+    total = np.zeros((body.surface.n, vectors.shape[2]))
+    np.add.at(total, body.surface.nodes, vectors)
+    return total
+
+
+def _tangent(body, state, slope):
+    n = body.surface.n
+    dim = state.u.shape[1]
+    total = np.zeros((n, dim, n, dim))
+    local = body.tangent(state, slope)
+    if local is not None:
+        i = np.arange(dim)
+        for nodes, K in zip(body.surface.nodes, local, strict=True):
+            places = np.ix_(nodes, i, nodes, i)
+            total[places] += K
+    coupled = body.low_rank(state, slope)
+    matrix = total.reshape(n * dim, n * dim)
+    if coupled is not None:
+        b = _nodal(body, coupled.vectors).ravel()
+        matrix = matrix + coupled.factor * np.outer(b, b)
+    return matrix
+
+
+def _check_tangent(condition, dim, kind):
+    tangent, expected = slopes(condition, dim, kind)
+    if np.abs(tangent - expected).max() > SMALL * max(1.0, np.abs(expected).max()):
+        raise ValueError("the tangent is not the slope of the residual")

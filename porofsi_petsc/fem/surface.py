@@ -1,0 +1,82 @@
+"""One tagged surface of a domain: the facets of a rank with what conditions on them ask for."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..kernels.surface import facet_normal
+from .domain import Domain
+from .geometry import Rule
+
+
+class Surface:
+    """The facets of a tag with an element of a domain behind them, F of them, Af nodes each;
+    `conditions.condition.Surface`.
+
+    nodes (F, Af); rows (F,) of their elements in the domain; local (F, Af) numbers of the nodes in
+    these
+    """
+
+    def __init__(self, domain: Domain, tag: str, materials: Mapping[str, Any]) -> None:
+        """Find the facets; materials : region -> `PorousMaterial`."""
+        mesh = domain.mesh
+        facets = mesh.facets[tag]
+        behind = np.flatnonzero(domain.row_of_cell[facets.cells] >= 0)
+        cells = facets.cells[behind]
+        self.tag = tag
+        self.rows = domain.row_of_cell[cells]
+        self.local = np.array(domain.element.facets)[facets.local[behind]]
+        self.nodes = domain.cells[self.rows[:, None], self.local]
+        self.X = mesh.X[self.nodes]
+        self.order = mesh.element.order
+        self._owned = facets.owned[behind]
+        self._regions = [mesh.regions[number] for number in mesh.cell_region[cells]]
+        self._materials = materials
+        self._mesh = mesh
+
+    def rule(self, degree: int) -> Rule:
+        """Return the rule that is exact for polynomials of a degree."""
+        return Rule.of(self._mesh.element.facet, degree)
+
+    def gather(self, field: np.ndarray) -> np.ndarray:
+        """Return the values of a nodal field (n_local, ...) on the facets, (F, Af, ...)."""
+        return field[self.nodes]
+
+    def normal(self, rule: Rule, u: np.ndarray | None = None) -> np.ndarray:
+        """Return the outward normals times dA, (F, Q, d) [m^(d-1)], where a displacement u
+        (n_local, d) [m] has taken the surface; in the reference without.
+        """
+        x = self.X if u is None else self.X + u[self.nodes]
+        return facet_normal(rule.dN, rule.weights, x)
+
+    def of_material(self, name: str) -> np.ndarray:
+        """Return an attribute of the material behind the facets, (F, 1)."""
+        values = [getattr(self._materials[region], name) for region in self._regions]
+        return np.array(values, dtype=float)[:, None]
+
+    def sum(self, values: np.ndarray) -> float:
+        """Return the sum of values (F,) over the facets of all ranks (collective)."""
+        return self._mesh.comm.allreduce(float(values[self._owned].sum()))
+
+    def add_to(self, nodal: np.ndarray, vectors: np.ndarray) -> None:
+        """Add vectors (F, Af, k) on the facets to a field (n_owned, k)."""
+        owned = self.nodes < self._mesh.n_owned
+        np.add.at(nodal, self.nodes[owned], vectors[owned])
+
+    def add_tangent(self, K: np.ndarray, chunk: slice, tangent: np.ndarray) -> None:
+        """Add tangents of the facets (F, Af, k, Af, k) to the first k components of those of a
+        slice of the elements, (E, A, m, A, m).
+        """
+        here = np.flatnonzero((self.rows >= chunk.start) & (self.rows < chunk.stop))
+        local = self.local[here]
+        i = np.arange(tangent.shape[2])
+        rows = (self.rows[here] - chunk.start)[:, None, None, None, None]
+        places = (
+            rows,
+            local[:, :, None, None, None],
+            i[:, None, None],
+            local[:, None, None, :, None],
+            i,
+        )
+        np.add.at(K, places, tangent[here])

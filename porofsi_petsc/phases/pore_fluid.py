@@ -1,0 +1,180 @@
+"""The fluid in the pores of a skeleton: drag, seepage, and what the skeleton answers to its
+pressure.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..clock import Scheme
+from ..kernels import exchange, shape
+from ..kernels import flow as kernel
+from ..kernels.solid import displacement_gradient, volumetric_compliance
+from ..linalg.matrix import ElementMatrix
+from ..linalg.solver import LinearSolver
+from .fluid import FluidPhase
+from .residual import Residual
+from .setup import PoreFluidSetup
+from .surface_terms import SurfaceTerms
+from .transfer import MeshState, Rates
+
+
+class PoreFluid(FluidPhase):
+    """The saturating fluid of a porous medium, on the mesh of its skeleton.
+
+    With inertia in the corrected split it has an auxiliary field s beside v and p, see
+    `kernels.flow.add_skeleton_answer`.
+    """
+
+    setup: PoreFluidSetup
+
+    def __init__(self, setup: PoreFluidSetup) -> None:
+        """Take the setup (collective)."""
+        super().__init__(setup)
+        self.fluxes = SurfaceTerms(self.mesh.n_owned, 1, setup.fluxes)
+
+    def _new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+        return self.setup.linear_solver(matrix, operators=False)
+
+    def begin_step(self, scheme: Scheme, rates: Rates, t: float, skeleton: MeshState) -> None:
+        """Start a step; see `FluidPhase.begin_step`."""
+        super().begin_step(scheme, rates, t, skeleton)
+        self.fluxes.begin_step(scheme, t, self._state(skeleton, self.v, self.v, self.p))
+        self._weigh_drag(skeleton)
+
+    def _prescribe_pressure(self, p: np.ndarray, t: float) -> None:
+        self.setup.pressure.apply(p[:, None], t)
+
+    def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
+        terms["flux"] = self.fluxes.residual(self._surface_state)
+
+    def unbalanced(self, momentum: Residual) -> np.ndarray | float:
+        """Return what the momentum residual adds to the skeleton's, (n_owned, d) [N]; nothing in
+        the plain split.
+
+        Their sum is the balance of the mixture, in which the drag cancels.
+        """
+        return momentum.total if self.setup.split == "corrected" else 0.0
+
+    def drag_scale(self, skeleton: MeshState, rates: Rates) -> np.ndarray:
+        """Return the nodal forces S max(|v_f|, c_v |u|), (n_owned, d) [N], whose round-off v_f -
+        v_s has.
+
+        v_s is a difference of displacements, whose digits it loses where a deformed skeleton hardly
+        moves any more.
+        """
+        n = self.mesh.n_owned
+        v_f = self._level(self.v, self._v1)[:n]
+        u = skeleton.displacement[:n]
+        return self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
+
+    def force_per_rate(self, rates: Rates) -> float:
+        """Return infinity: the drag and the skeleton resist, whatever force there is; see
+        `FreeFluid.force_per_rate`.
+        """
+        return np.inf
+
+    def _weigh_drag(self, skeleton):
+        """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N
+        s/m].
+        """
+        domain = self.domain
+        drag = np.empty(self.domain.n_cells)
+        for region, span in domain.region_slices.items():
+            configuration = skeleton.configuration
+            drag[span] = (
+                self.setup.materials[region].drag(configuration.J[span])
+                * configuration.geometry.dV[span]
+            ).sum(axis=1)
+        self._drag_weight = self._nodal_sum(drag / domain.cells.shape[1])
+
+    def _nodal_sum(self, values):
+        """Return the sum of element values (E,) over the elements of a node, (n_owned,)."""
+        return self.domain.scatter_add(np.broadcast_to(values[:, None], self.domain.cells.shape))[
+            :, 0
+        ]
+
+    def drag_along(self, change: np.ndarray) -> None:
+        """Add χ times a change of v_s, (n_local, d) [m/s], to v_f: what the drag does to it while
+        the pressure is as it was.
+
+        An exact solution of the block does not see it.  A lagged tangent or an iterative solver
+        leaves a part of the right side, which therefore must not hold S Δv_s, up to 1e8 times any
+        other force.
+        """
+        free = ~self.setup.mask[:, : self.mesh.dim]
+        self._v1 += np.where(free, self._chi[:, None] * change / self.scheme.alpha_f, 0.0)
+        self._update_rates()
+
+    def dragged_fraction(self, skeleton: MeshState, rates: Rates) -> np.ndarray:
+        """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a
+        node's elements (collective).
+        """
+        domain = self.domain
+        chi = np.empty(domain.n_cells)
+        for region, span in domain.region_slices.items():
+            material = self.setup.materials[region]
+            J = skeleton.configuration.J[span]
+            rho = material.fluid_fraction(J) * material.rho_fR
+            chi[span] = rates.dragged_fraction(material.drag(J), rho).mean(axis=1)
+        return self.mesh.halo.extend(self._nodal_sum(chi) / self._nodal_sum(np.ones_like(chi)))
+
+    # -- tangents ----------------------------------------------------------------------------------
+
+    def _complete(self, K, elements, region, chunk, skeleton, rates):
+        """Add what the skeleton answers, in the corrected split."""
+        if self.setup.split == "corrected":
+            material = self.setup.materials[region]
+            self._add_skeleton_answer(K, elements, material, skeleton, rates, chunk)
+
+    def _prepare_solver(self, skeleton, rates, fields):
+        self._chi = self.dragged_fraction(skeleton, rates)
+
+    def _add_skeleton_answer(self, values, elements, material, skeleton, rates, chunk):
+        """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure
+        gradient the skeleton feels.
+        """
+        chi = rates.dragged_fraction(elements.S, elements.rho)
+        alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
+        inertia = (
+            rates.moving_inertia(elements.S, material.rho_s, elements.rho)
+            if self.setup.has_auxiliary
+            else 1.0
+        )
+        H = displacement_gradient(
+            self.domain.reference.G[chunk], self.domain.gather(skeleton.displacement, chunk)
+        )
+        compliance = volumetric_compliance(material.elastic, H)
+        kernel.add_skeleton_answer(values, elements, alpha2_cv * compliance, alpha2_cv / inertia)
+        if self.setup.has_auxiliary:
+            rows, terms = self.setup.free_surface
+            here = (rows >= chunk.start) & (rows < chunk.stop)
+            kernel.add_free_surface(
+                values, alpha2_cv / inertia, rows[here] - chunk.start, terms[here]
+            )
+
+    def exchange_tangents(
+        self, rates: Rates, skeleton: MeshState
+    ) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the skeleton's
+        positions) of the trial state.
+        """
+        fields = self._trial_fields(skeleton)
+        moving = skeleton.moving_mesh
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            yield chunk, exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
+
+    def shape_tangents(self, skeleton: MeshState) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the moving mesh's
+        geometry) of the trial state.
+        """
+        domain = self.domain
+        fields = self._trial_fields(skeleton)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            elements = self._elements(region, chunk, skeleton.configuration)
+            J = skeleton.configuration.J[chunk]
+            derivatives = shape.VolumeDerivatives(
+                *self.setup.materials[region].volume_derivatives(J)
+            )
+            yield chunk, shape.flow_by_geometry(elements, fields.on(chunk), derivatives)

@@ -1,0 +1,100 @@
+"""The skeleton of a porous medium: pressure and drag of the fluid in its pores."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..kernels import exchange, shape
+from .setup import SkeletonSetup
+from .solid import SolidPhase
+from .transfer import Flow
+
+
+class Skeleton(SolidPhase):
+    """The solid of a saturated porous medium, which carries the mesh of its fluid."""
+
+    setup: SkeletonSetup
+    noun = "skeleton"
+
+    def __init__(self, setup: SkeletonSetup) -> None:
+        """Take the setup (collective)."""
+        super().__init__(setup, setup.with_hessian)
+
+    def _flow_terms(self, flow: Flow) -> dict[str, np.ndarray]:
+        return self._coupling_terms(flow)
+
+    # -- tangents ----------------------------------------------------------------------------------
+
+    def _inertia_weights(self, material, configuration, chunk, rates):
+        """Return the mass of the tangent times dV, (E, Q), None without any.
+
+        Corrected split: ρ_χ c_a, the inertia with the fluid that is dragged along, the drag itself
+        as a force.  Plain split (the founding paper's block): ρ_s c_a and the derivative S c_v of
+        the drag, or the scaled mass without it.
+        """
+        split = self.setup.split
+        if split == "plain":
+            return self._plain_weights(material, configuration, chunk, rates)
+        J = configuration.J[chunk]
+        dV = configuration.geometry.dV[chunk]
+        S = material.drag(J)
+        inertia = material.rho_s * rates.c_a * self.domain.reference.dV[chunk]
+        if split == "scaled":
+            return self._scaled_mass(material, inertia, J, S, dV, rates)
+        if not (rates.c_a or rates.c_f):
+            return None
+        rho_f = material.fluid_fraction(J) * material.rho_fR
+        return inertia + rates.moving_inertia(S, 0.0, rho_f) * dV
+
+    def _scaled_mass(self, material, inertia, J, S, dV, rates):
+        """Return the tangent's inertia times the factor of the papers' mass scaling, (E, Q).
+
+        "optimal" is 1 + n_s ρ_fR/(n_f ρ_sR) + γ Δt (γ_fR/k_f)/(n_s ρ_sR), with the weights of the
+        time schemes c_f c_v/c_a and c_v/c_a instead of 1 and γ Δt: ρ_s c_a + (n_s²/n_f) ρ_fR c_f
+        c_v + (S/n_f²) c_v, the exact answer to a compression wave.
+        """
+        if self.setup.mass_scaling != "optimal":
+            return self.setup.mass_scaling * inertia
+        n = material.fluid_fraction(J)
+        return (
+            inertia + ((1 - n) ** 2 / n * material.rho_fR * rates.c_f + S / n**2) * rates.c_v * dV
+        )
+
+    def exchange_tangents(self) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial
+        state.
+        """
+        configuration = self.skeleton().configuration
+        for region, chunk in self.domain.chunks(self._doubles_per_cell):
+            material = self.setup.materials[region]
+            J = configuration.J[chunk]
+            n = material.fluid_fraction(J)
+            S = material.drag(J)
+            yield (
+                chunk,
+                exchange.solid_by_flow(
+                    self.domain.mass.N, configuration.geometry.part(chunk), n, S
+                ),
+            )
+
+    def shape_tangents(self, flow: Flow) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yield (chunk, derivative (E, A, d, A, d) of the residual by the moving mesh's geometry)
+        of the trial state.
+        """
+        domain = self.domain
+        configuration = self.skeleton().configuration
+        p = domain.gather(flow.pressure)
+        w = domain.gather(flow.velocity - self.velocity)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material = self.setup.materials[region]
+            J = configuration.J[chunk]
+            n = material.fluid_fraction(J)
+            S = material.drag(J)
+            derivatives = shape.VolumeDerivatives(*material.volume_derivatives(J))
+            geometry = configuration.geometry.part(chunk)
+            yield (
+                chunk,
+                shape.solid_by_geometry(
+                    domain.mass.N, geometry, n, S, derivatives, p[chunk], w[chunk]
+                ),
+            )

@@ -1,0 +1,115 @@
+"""What the conditions on its surfaces add to the balances of a phase."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..clock import Scheme
+from ..conditions import Slope, State, SurfaceCondition
+from ..fem.surface import Surface
+from ..linalg.low_rank import Coupled
+
+
+@dataclass(frozen=True)
+class OnSurface:
+    """A condition and where it is; key : its place in the scene."""
+
+    condition: SurfaceCondition
+    surface: Surface
+    key: str
+
+
+class SurfaceTerms:
+    """The conditions of one balance, k components, of a phase; empty where there are none."""
+
+    def __init__(self, n_owned: int, k: int, places: Iterable[OnSurface]) -> None:
+        """Bind the conditions to their surfaces (collective)."""
+        self._shape = n_owned, k
+        self.places = tuple(places)
+        for place in self.places:
+            place.condition.bind(place.surface)
+        self._dead = np.zeros(self._shape)
+
+    def __iter__(self) -> Iterator[OnSurface]:
+        return iter(self.places)
+
+    def begin_step(self, scheme: Scheme, t: float, state: State) -> None:
+        """Start a step from time t; of the state the time of collocation counts (collective)."""
+        for place in self.places:
+            place.condition.begin_step(scheme, t)
+        self._dead = self._sum(state, dead=True)
+
+    def residual(self, state: State) -> np.ndarray:
+        """Return the sum of the residuals, (n_owned, k) [N or m³/s] (collective)."""
+        return self._dead + self._sum(state, dead=False)
+
+    def _sum(self, state, dead):
+        nodal = np.zeros(self._shape)
+        for place in self.places:
+            if place.condition.dead == dead:
+                place.surface.add_to(nodal, place.condition.residual(state))
+        return nodal
+
+    def given(self, state: State) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Return the facets, nodes (F, Af), and the residuals (F, Af, k) of every condition in the
+        accepted state (collective).
+        """
+        return tuple((place.surface.nodes, place.condition.residual(state)) for place in self)
+
+    def tangents(self, state: State, slope: Slope) -> "SurfaceTangents":
+        """Return the derivative of `residual` by the unknown of the phase (collective)."""
+        live = [place for place in self.places if not place.condition.dead]
+        local = [(place.surface, place.condition.tangent(state, slope)) for place in live]
+        low_rank = [(place.surface, place.condition.low_rank(state, slope)) for place in live]
+        return SurfaceTangents(
+            tuple((surface, tangent) for surface, tangent in local if tangent is not None),
+            tuple(self._coupled(surface, term) for surface, term in low_rank if term is not None),
+        )
+
+    def _coupled(self, surface, term):
+        nodal = np.zeros(self._shape)
+        surface.add_to(nodal, term.vectors)
+        return Coupled(nodal, term.factor)
+
+    def accept(self, state: State) -> None:
+        """Make the trial step the accepted one (collective)."""
+        for place in self.places:
+            place.condition.accept(state)
+
+    def memory(self) -> dict[str, Any]:
+        """Return the numbers a restart needs, by the places of the conditions that have some."""
+        found = {place.key: place.condition.memory() for place in self.places}
+        return {key: memory for key, memory in found.items() if memory}
+
+    def load(self, memory: dict[str, Any]) -> None:
+        """Continue from `memory`."""
+        for place in self.places:
+            if place.key in memory:
+                place.condition.load(memory[place.key])
+
+    def recorded(self) -> dict[str, float]:
+        """Return column of the history -> value in the accepted state."""
+        return {
+            f"{place.surface.tag}.{column}": value
+            for place in self.places
+            for column, value in zip(
+                place.condition.columns, place.condition.recorded(), strict=True
+            )
+        }
+
+
+@dataclass(frozen=True)
+class SurfaceTangents:
+    """Tangents of facets, (F, Af, k, Af, k) each with its surface, and what couples whole
+    surfaces.
+    """
+
+    local: tuple[tuple[Surface, np.ndarray], ...]
+    coupled: tuple[Coupled, ...]
+
+    def add_to(self, K: np.ndarray, chunk: slice) -> None:
+        """Add those of facets to the tangents (E, A, m, A, m) of a slice of the elements."""
+        for surface, tangent in self.local:
+            surface.add_tangent(K, chunk, tangent)

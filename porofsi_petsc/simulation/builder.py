@@ -1,0 +1,174 @@
+"""What the builders of all scenes share: materials, conditions, loads and terms of the model on a
+distributed mesh.
+"""
+
+from collections.abc import Collection
+from typing import Any
+
+from ..conditions import CONDITIONS
+from ..config import Scene
+from ..config.expressions import Expression
+from ..config.material import Material
+from ..coupling.accelerators import ACCELERATORS
+from ..coupling.medium import Medium
+from ..fem.distribute import LocalMesh
+from ..fem.domain import Domain
+from ..fem.essential import Dirichlet, Essential
+from ..fem.surface import Surface
+from ..linalg.stopwatch import Stopwatch
+from ..materials import ELASTIC, PERMEABILITY
+from ..materials.elastic import ElasticLaw
+from ..materials.porous import PorousMaterial
+from ..phases.surface_terms import OnSurface
+from .conditions import components, dirichlet, essentials
+from .continuation import LoadFactor
+
+# Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always
+# is.  Measured by scripts/bench_solvers (docs/solvers.md): with tangents renewed in every step both
+# take the same time at about 75 000 nodes, with kept ones MUMPS is the faster up to 84 000 at
+# least.
+DIRECT_NODES_2D = 100_000
+MONOLITHIC = ("quasi_direct", "direct")
+
+
+def materials_of(scene: Scene, mesh: LocalMesh) -> dict[str, PorousMaterial]:
+    """Return dict region -> PorousMaterial, without the "auto" terms of the model."""
+    return {
+        region: _material(entry, scene.model)
+        for entry in scene.material
+        for region in (mesh.regions if entry.region == ("all",) else entry.region)
+    }
+
+
+def elastic_law(entry: Material) -> ElasticLaw:
+    """Return the law of a [[material]] with a solid."""
+    solid = entry.solid
+    assert solid is not None  # nobody asks a fluid
+    return ELASTIC[solid.law](
+        solid.lambda_, solid.mu, 1 - (entry.porosity or 0.0), **solid.of_law()
+    )
+
+
+def _material(entry, model):
+    viscosity = entry.fluid.viscosity if entry.fluid and model.viscosity is True else 0.0
+    if entry.kind == "fluid":
+        return PorousMaterial.free_fluid(entry.fluid.density, viscosity)
+    solid = entry.solid
+    elastic = elastic_law(entry)
+    if entry.kind == "solid":
+        return PorousMaterial.dense_solid(elastic, solid.density)
+    return PorousMaterial(
+        elastic=elastic,
+        n_s0=elastic.n_s0,
+        rho_sR=solid.density,
+        rho_fR=entry.fluid.density,
+        drag0=1 / entry.mobility,
+        permeability=PERMEABILITY[entry.permeability.law](**entry.permeability.of_law()),
+        viscosity=viscosity,
+        variable_porosity=model.porosity == "variable",
+    )
+
+
+def is_direct(mesh: LocalMesh) -> bool:
+    """Return whether the default solvers are factorizations."""
+    return mesh.dim == 2 and mesh.n_global <= DIRECT_NODES_2D
+
+
+def entries(scene: Scene, quantity: str) -> list[tuple[str, int, Expression]]:
+    """Return (tag, component, expression) for every prescribed component of a vector quantity."""
+    return [
+        (tag, i, e)
+        for b in scene.boundary
+        for tag in b.on
+        for i, e in components(getattr(b, quantity)).items()
+    ]
+
+
+class Builder:
+    """From a scene without "auto" terms to its phases and their coupling; `PorousBuilder` and
+    `InterfaceBuilder` have their own phases.
+
+    load_factor : of all data of a steady scene, None of others
+    """
+
+    def __init__(self, scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> None:
+        """Take the scene, its mesh and where time is counted (collective)."""
+        self.scene = scene
+        self.mesh = mesh
+        self.stopwatch = stopwatch
+        self.materials = materials_of(scene, mesh)
+        self.load_factor = LoadFactor() if scene.time.scheme == "steady" else None
+
+    def medium(self) -> Medium:
+        """Return the coupling scheme with its phases (collective)."""
+        raise NotImplementedError
+
+    def common(
+        self, domain: Domain, materials: dict[str, PorousMaterial], body: str, split: str
+    ) -> dict[str, Any]:
+        """Return what the setups of solid and fluid have in common, by keyword; body : key of
+        [body_force].
+        """
+        return {
+            "domain": domain,
+            "materials": materials,
+            "stopwatch": self.stopwatch,
+            "split": split,
+            "direct": is_direct(self.mesh),
+            "body_force": self.components(getattr(self.scene.body_force, body)),
+        }
+
+    def of_fluid(self) -> dict[str, Any]:
+        """Return what the setups of all fluids have in common beside that, by keyword."""
+        model = self.scene.model
+        stabilization = self.scene.stabilization
+        return {
+            "inertia": model.fluid_inertia,
+            "convection": model.convection,
+            "pspg": stabilization.pspg,
+            "supg": stabilization.supg,
+            "lsic": stabilization.lsic,
+        }
+
+    def accelerator(self, dot: Any, name: str, first: float | None, guard: Any) -> Any:
+        """Return the accelerator of a name; first : its factor, None for its own."""
+        return ACCELERATORS[name](dot, first, guard, self.scene.coupling.reuse_steps)
+
+    # -- data on the boundary ----------------------------------------------------------------------
+
+    def essentials(self, quantity: str, tags: Collection[str] | None = None) -> list[Essential]:
+        """Return the `Essential`s of a quantity, on some tags if they are given."""
+        found = essentials(self.scene, quantity, tags)
+        return [entry._replace(expression=self._scaled(entry.expression)) for entry in found]
+
+    def dirichlet(self, k: int, given: list[Essential]) -> Dirichlet:
+        """Return the `Dirichlet` of a field with k components (collective)."""
+        return dirichlet(self.scene, self.mesh, k, given)
+
+    def components(self, vector: Any) -> dict[int, Any]:
+        """Return component -> expression of a `config.Vector`."""
+        return {i: self._scaled(expression) for i, expression in components(vector).items()}
+
+    def _scaled(self, value):
+        """Return a formula times the load factor; a number as it is."""
+        if isinstance(value, dict):
+            return {key: self._scaled(entry) for key, entry in value.items()}
+        of_load = self.load_factor is not None and isinstance(value, Expression)
+        return self.load_factor.of(value) if of_load else value
+
+    def surfaces(
+        self, domain: Domain, balance: str, tags: Collection[str]
+    ) -> tuple[OnSurface, ...]:
+        """Return the conditions of a balance on those of some tags, in the order of the scene."""
+        return tuple(
+            OnSurface(
+                CONDITIONS[name](**{key: self._scaled(value) for key, value in given.items()}),
+                Surface(domain, tag, self.materials),
+                f"boundary.{i}.{name}:{tag}",
+            )
+            for i, boundary in enumerate(self.scene.boundary)
+            for name, given in boundary.surface_conditions().items()
+            if CONDITIONS[name].balance == balance
+            for tag in boundary.on
+            if tag in tags
+        )

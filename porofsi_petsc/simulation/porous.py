@@ -1,0 +1,118 @@
+"""From a scene of porous media to skeleton, pore fluid and their coupling."""
+
+from ..config import Scene
+from ..coupling.medium import Medium
+from ..coupling.monolithic import MonolithicCoupling
+from ..coupling.porous import GUARDS, PorousCoupling
+from ..errors import InputError
+from ..fem.boundary import weak_zero_on
+from ..fem.distribute import LocalMesh
+from ..fem.domain import Domain
+from ..linalg.stopwatch import Stopwatch
+from ..phases.mixture import DirectMixture, QuasiDirectMixture
+from ..phases.pore_fluid import PoreFluid
+from ..phases.setup import PoreFluidSetup, SkeletonSetup
+from ..phases.skeleton import Skeleton
+from .builder import MONOLITHIC, Builder, entries
+from .conditions import no_slip_nodes, nodes_of
+from .drainage import holds_normal, require_one_drainage
+
+MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
+
+
+class PorousBuilder(Builder):
+    """Both phases on all of the mesh."""
+
+    def __init__(
+        self, scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch, domain: Domain | None = None
+    ) -> None:
+        """Take what every builder takes; domain : where there is one of the mesh (collective)."""
+        super().__init__(scene, mesh, stopwatch)
+        self.domain = domain or Domain(mesh)
+
+    def medium(self) -> Medium:
+        """Return the coupling scheme with its phases (collective)."""
+        solid = Skeleton(self.skeleton())
+        fluid = PoreFluid(self.fluid())
+        choice = self.scene.coupling
+        common = solid, fluid, self.mesh.comm, choice.tolerance, choice.max_iterations
+        if choice.scheme in MIXTURES:
+            return MonolithicCoupling(*common, MIXTURES[choice.scheme](solid, fluid))
+
+        def accelerator(dot, name=choice.accelerator):
+            return self.accelerator(dot, name, choice.relaxation, GUARDS[choice.split])
+
+        return PorousCoupling(*common, accelerator, self.scene.full_newton)
+
+    def skeleton(self) -> SkeletonSetup:
+        """Return the setup of the skeleton (collective)."""
+        scene = self.scene
+        model = scene.model
+        return SkeletonSetup(
+            inertia=model.solid_inertia,
+            moving_mesh=model.moving_mesh,
+            dirichlet=self.dirichlet(self.mesh.dim, self.essentials("displacement")),
+            surfaces=self.surfaces(self.domain, "momentum", self.mesh.facets),
+            with_hessian=model.viscosity,
+            mass_scaling=scene.coupling.mass_scaling,
+            **self._common("solid"),
+        )
+
+    def fluid(self) -> PoreFluidSetup:
+        """Return the setup of the pore fluid (collective)."""
+        scene = self.scene
+        mesh = self.mesh
+        model = scene.model
+        pressures = self.essentials("pressure")
+        free = self._free_tags()
+        drained = {entry.tag for entry in pressures}
+        self._require_pressure_level(free, drained)
+        require_one_drainage(scene, mesh)
+        inertia = model.solid_inertia or model.fluid_inertia
+        return PoreFluidSetup(
+            moving_mesh=model.moving_mesh,
+            velocity=self.dirichlet(mesh.dim, self.essentials("velocity")),
+            pressure=self.dirichlet(1, pressures),
+            fluxes=self.surfaces(self.domain, "volume", mesh.facets),
+            no_slip=no_slip_nodes(scene, mesh),
+            stress_nodes=nodes_of(mesh, [tag for tag in free if tag in drained]),
+            free_surface=weak_zero_on(self.domain, [tag for tag in free if tag not in drained]),
+            has_auxiliary=inertia and self._split == "corrected",
+            undrained=scene.stabilization.undrained,
+            **self.of_fluid(),
+            **self._common("fluid"),
+        )
+
+    def _common(self, body):
+        return self.common(self.domain, self.materials, body, self._split)
+
+    @property
+    def _split(self):
+        """Return the split of the phases' tangents; those that precondition the monolithic schemes
+        are the corrected ones.
+        """
+        choice = self.scene.coupling
+        if choice.scheme in MONOLITHIC:
+            return "corrected"
+        return "scaled" if choice.mass_scaling is not None else choice.split
+
+    def _free_tags(self):
+        """Return the surfaces on which the normal displacement is not prescribed (collective)."""
+        fixed: dict[str, set[int]] = {tag: set() for b in self.scene.boundary for tag in b.on}
+        for tag, component, _ in entries(self.scene, "displacement"):
+            fixed[tag].add(component)
+        mesh = self.mesh
+        return [tag for tag, held in fixed.items() if not holds_normal(mesh, tag, sorted(held))]
+
+    def _require_pressure_level(self, free, drained):
+        """Raise InputError where neither a pressure nor a traction sets the level of p: any
+        constant solves the equations.
+        """
+        if not free and not drained:
+            received = "received a prescribed normal displacement and no pressure on every boundary"
+            advice = (
+                "expected one with a pressure or free to move, because else the pressure has no"
+                " level; prescribe it on one"
+            )
+            where = self.scene.source_path or "scene"
+            raise InputError(f"{where} [[boundary]]: {received}, {advice}")

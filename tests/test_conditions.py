@@ -1,0 +1,130 @@
+"""Conditions on surfaces: what each of them promises, and one that a script brings along."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from running import SCENES, Job, run_here
+
+from porofsi_petsc import Simulation, load_scene
+from porofsi_petsc.conditions import CONDITIONS, SurfaceCondition
+from porofsi_petsc.conditions.contract import check_condition, sample, sample_state, slopes
+from porofsi_petsc.config.conditions import boundary_table
+from porofsi_petsc.errors import InputError
+from porofsi_petsc.registry import parameter
+
+FLAP = str(SCENES / "flap.toml")
+BAR = str(SCENES / "bar.toml")
+PLACES = [(name, kind) for name, of in CONDITIONS.items() for kind in of.behind]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("name", "kind"), PLACES)
+def test_the_tangent_is_the_slope_of_the_residual(name, kind, dim):
+    if CONDITIONS[name].balance == "volume":
+        pytest.skip("the volume balance has no tangent of its surfaces")
+    tangent, expected = slopes(CONDITIONS[name], dim, kind)
+    error = np.abs(tangent - expected).max()
+    assert error < 1e-8 * max(1.0, np.abs(expected).max())  # of central differences with 1e-6
+
+
+@pytest.mark.parametrize(("name", "kind"), PLACES)
+def test_what_a_restart_needs_is_in_the_memory(name, kind):
+    """After a step, a condition that is loaded goes on as the one whose memory it has."""
+    first, second = (sample(CONDITIONS[name], 2, kind) for _ in range(2))
+    first.accept(sample_state(2))
+    second.load(first.memory())
+    scheme = first_scheme(kind)
+    for condition in (first, second):
+        condition.begin_step(scheme, 0.1)
+    state = sample_state(2)._replace(t=0.17)
+    assert first.recorded() == second.recorded()
+    assert np.array_equal(first.residual(state), second.residual(state))
+
+
+def first_scheme(kind):
+    """Return the scheme of a step of a phase."""
+    from porofsi_petsc.clock import first_order, second_order
+
+    return (first_order if kind == "fluid" else second_order)(0.5, 0.1)
+
+
+def test_every_condition_is_a_key():
+    assert set(CONDITIONS) <= set(boundary_table().model_fields)
+
+
+# -- one that a script brings along ----------------------------------------------------------------
+
+
+@dataclass
+class Spring(SurfaceCondition):
+    """Winkler's foundation: the traction -k u."""
+
+    behind = ("porous", "solid")
+    holds = True
+    stiffness: float = parameter("Pa/m", "k", above=0.0, example=3.0)
+
+    def bind(self, surface):
+        super().bind(surface)
+        self._rule = surface.rule(2 * surface.order)
+        self._dA = np.linalg.norm(surface.normal(self._rule), axis=-1)
+
+    def residual(self, state):
+        u = self._rule.N @ self.surface.gather(state.u)
+        return self.stiffness * self._rule.N.T @ (u * self._dA[..., None])
+
+    def tangent(self, state, slope):
+        N = self._rule.N
+        mass = np.einsum("qa,fq,qb->fab", N, self._dA, N)
+        identity = np.eye(self.surface.X.shape[-1])
+        return slope.u * self.stiffness * np.einsum("fab,ij->faibj", mass, identity)
+
+
+@pytest.fixture
+def spring():
+    """Register the spring for one test."""
+    CONDITIONS.register("spring")(Spring)
+    yield
+    CONDITIONS.forget("spring")
+
+
+def test_a_registered_condition_is_valid_in_scenes(spring, tmp_path):
+    """A bar between a load p and a foundation of springs: u at its foot is p/k to round-off."""
+    foot = "boundary=[{on='bottom', spring={stiffness=2e6}, displacement={x='0'}},"
+    sides = "{on=['left', 'right'], displacement={x='0'}}, {on='top', traction={y='-1e4'}}]"
+    probe = "probe=[{name='foot', at=[0.0, 0.0], quantities=['u_y']}]"
+    static = ("model.solid_inertia=false", "expect=[]", probe, "time.scheme=steady")
+    with Simulation.from_scene(BAR, overrides=(foot + sides, *static)) as simulation:
+        simulation.run()
+        found = simulation.history["foot.u_y"][-1]
+    assert found == pytest.approx(-1e4 / 2e6, rel=1e-6)  # the tolerance of the iteration
+
+
+def test_its_keys_are_those_of_a_scene(spring):
+    for given, message in (
+        ("{stifness=1}", "unknown key 'stifness'; did you mean 'stiffness'"),
+        ("{stiffness=-1}", "received -1"),
+        ("{}", "stiffness"),
+    ):
+        with pytest.raises(InputError, match=message):
+            load_scene(BAR, (f"boundary.0.spring={given}",))
+
+
+def test_a_condition_stands_only_where_its_material_is(spring):
+    with pytest.raises(InputError, match=r"boundary.2.spring\]: tag 'right' is on the fluid, exp"):
+        run_here(Job(FLAP, "unused", ("boundary.2.spring={stiffness=1.0}",)))
+
+
+def test_what_breaks_the_contract_is_refused():
+    class Soft(Spring):
+        def tangent(self, state, slope):
+            return 0.5 * super().tangent(state, slope)
+
+    class Nowhere(Spring):
+        behind = ()
+
+    for broken, message in ((Soft, "not the slope"), (Nowhere, "names no kind")):
+        with pytest.raises(ValueError, match=message):
+            check_condition(dataclass(broken))
+    with pytest.raises(ValueError, match="boundary condition 'pressure': expected another name"):
+        CONDITIONS.register("pressure")(Spring)
