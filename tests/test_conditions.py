@@ -36,7 +36,7 @@ def test_what_a_restart_needs_is_in_the_memory(name, kind):
     second.load(first.memory())
     scheme = first_scheme(kind)
     for condition in (first, second):
-        condition.begin_step(scheme, 0.1)
+        condition.begin_step(scheme, sample_state(2)._replace(t=0.1))
     state = sample_state(2)._replace(t=0.17)
     assert first.recorded() == second.recorded()
     assert np.array_equal(first.residual(state), second.residual(state))

@@ -105,8 +105,8 @@ class SurfaceCondition:
         """Take the surface, once, before the first step (collective)."""
         self.surface = surface
 
-    def begin_step(self, scheme: Scheme, t: float) -> None:
-        """Start a step from the accepted state at time t [s] (collective)."""
+    def begin_step(self, scheme: Scheme, state: State) -> None:
+        """Start a step from the accepted state (collective)."""
 
     def residual(self, state: State) -> np.ndarray:
         """Return what the surface adds to the residual of the balance, internal minus external,

@@ -74,7 +74,8 @@ def sample(condition: type[SurfaceCondition], dim: int, kind: Kind) -> SurfaceCo
     """Return a condition with its examples on a `SampleSurface` of a kind, in the first step."""
     found = condition(**{key: _value(condition, key) for key in examples(condition)})
     found.bind(SampleSurface(dim))
-    found.begin_step((first_order if kind == "fluid" else second_order)(0.5, 0.1), 0.0)
+    scheme = first_order if kind == "fluid" else second_order
+    found.begin_step(scheme(0.5, 0.1), sample_state(dim)._replace(t=0.0))
     return found
 
 

@@ -105,7 +105,7 @@ class FluidPhase:
         self.setup.velocity.apply(self._v1, t + scheme.dt)
         self._prescribe_pressure(self._p1, self._t_alpha)
         self._update_rates()
-        self.surfaces.begin_step(scheme, t, self._state(skeleton, self.v, self.v, self.p))
+        self.surfaces.begin_step(scheme, self._accepted_state(skeleton, t))
         b = self.setup.body_force
         self._b = body_acceleration(self.domain, b, self._t_alpha) if b else self._no_body
         self._rates = rates
@@ -123,9 +123,9 @@ class FluidPhase:
         """
         return p
 
-    def _state(self, skeleton, v, c, p):
-        """Return what conditions on surfaces see at the time of collocation."""
-        return State(self._t_alpha, skeleton.displacement, v, c, p)
+    def _accepted_state(self, skeleton, t):
+        """Return what conditions on surfaces see of the accepted state."""
+        return State(t, skeleton.displacement, self.v, self.v - skeleton.mesh_velocity, self.p)
 
     def _update_rates(self):
         if self.setup.inertia:
@@ -199,7 +199,9 @@ class FluidPhase:
         return self._trial_fields(skeleton)
 
     def _state_of(self, skeleton, fields):
-        return self._state(skeleton, fields.nodal.v, fields.nodal.c, fields.nodal.p)
+        """Return what conditions on surfaces see at the time of collocation."""
+        v, c, p = (getattr(fields.nodal, name) for name in ("v", "c", "p"))
+        return State(self._t_alpha, skeleton.displacement, v, c, p)
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
         """Add what the volume balance has beside the terms of the elements (collective)."""

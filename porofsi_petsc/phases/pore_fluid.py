@@ -39,7 +39,7 @@ class PoreFluid(FluidPhase):
     def begin_step(self, scheme: Scheme, rates: Rates, t: float, skeleton: MeshState) -> None:
         """Start a step; see `FluidPhase.begin_step`."""
         super().begin_step(scheme, rates, t, skeleton)
-        self.fluxes.begin_step(scheme, t, self._state(skeleton, self.v, self.v, self.p))
+        self.fluxes.begin_step(scheme, self._accepted_state(skeleton, t))
         self._weigh_drag(skeleton)
 
     def _prescribe_pressure(self, p: np.ndarray, t: float) -> None:

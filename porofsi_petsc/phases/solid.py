@@ -123,7 +123,7 @@ class SolidPhase:
         self._u1 = scheme.predict(self.u, self.v, self.a)
         self.setup.dirichlet.apply(self._u1, t + scheme.dt)
         self._update_rates()
-        self.surfaces.begin_step(scheme, t, self._surface_state)
+        self.surfaces.begin_step(scheme, State(t, self.u, self.v))
         self._body = self._body_vector(self._t_alpha)
 
     @property

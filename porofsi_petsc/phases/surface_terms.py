@@ -35,11 +35,12 @@ class SurfaceTerms:
     def __iter__(self) -> Iterator[OnSurface]:
         return iter(self.places)
 
-    def begin_step(self, scheme: Scheme, t: float, state: State) -> None:
-        """Start a step from time t; of the state the time of collocation counts (collective)."""
+    def begin_step(self, scheme: Scheme, state: State) -> None:
+        """Start a step from the accepted state (collective)."""
         for place in self.places:
-            place.condition.begin_step(scheme, t)
-        self._dead = self._sum(state, dead=True)
+            place.condition.begin_step(scheme, state)
+        collocated = state._replace(t=state.t + scheme.alpha_f * scheme.dt)
+        self._dead = self._sum(collocated, dead=True)
 
     def residual(self, state: State) -> np.ndarray:
         """Return the sum of the residuals, (n_owned, k) [N or m³/s] (collective)."""
