@@ -8,6 +8,7 @@ from .condition import LowRank, Slope, State, Surface, SurfaceCondition
 from .contract import check_condition
 from .flux import Flux
 from .traction import DeadLoad, Traction
+from .windkessel import Windkessel
 
 __all__ = [
     "CONDITIONS",
@@ -26,6 +27,7 @@ CONDITIONS = Registry(
         "traction": Traction,
         "flux": Flux,
         "backflow": Backflow,
+        "windkessel": Windkessel,
     },
     reserved=("on", "displacement", "velocity", "pressure", "no_slip", "priority"),
     check=check_condition,

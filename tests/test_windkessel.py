@@ -1,0 +1,150 @@
+"""Windkessel outlets: a plug flow in a channel makes of the equations ordinary ones."""
+
+import numpy as np
+import pytest
+from running import SCENES, Job, history, needs_mpirun, run_here, run_on
+from scipy.integrate import solve_ivp
+
+from porofsi_petsc.errors import InputError
+
+SCENE = str(SCENES / "outlet.toml")
+FLAP = str(SCENES / "flap.toml")
+LENGTH, HEIGHT, DENSITY = 1.0, 0.2, 1000.0
+R_P, R_D, C = 2e3, 3e4, 2e-5  # time constant R_d C = 0.6 s
+
+
+def outlet(proximal=R_P, distal=R_D, compliance=C, **more):
+    """Return the change of the scene that sets the outlet."""
+    values = {"proximal": proximal, "distal": distal, "compliance": compliance} | more
+    keys = ", ".join(f"{key}={value}" for key, value in values.items())
+    return f"boundary.1.windkessel={{ {keys} }}"
+
+
+def errors(folder, steps, reference, *changes):
+    """Return the largest errors of pressure and flow, over their largest values."""
+    changes = (f"time.step={0.8 / steps}", *changes)
+    run_here(Job(SCENE, str(folder / str(steps)), changes))
+    found = history(folder / str(steps))
+    exact = reference(found["t"][1:])
+    return [
+        np.abs(found[f"right.{name}"][1:] - values).max() / np.abs(values).max()
+        for name, values in zip(("pressure", "flow_rate"), exact, strict=True)
+    ]
+
+
+def given_flow(t):
+    """Return pressure and flow where the inflow is 0.3 m/s from the start."""
+    Q = 0.3 * HEIGHT
+    return R_P * Q + R_D * Q * (1 - np.exp(-t / (R_D * C))), np.full_like(t, Q)
+
+
+def test_pressure_of_a_given_flow_converges_with_order_two(tmp_path):
+    change = outlet(), "boundary.0.velocity.x=0.3", "initial.fluid_velocity.x=0.3"
+    coarse, fine = (errors(tmp_path, n, given_flow, *change) for n in (16, 32))
+    order = np.log2(coarse[0] / fine[0])
+    print(f"errors of p {coarse[0]:.1e}, {fine[0]:.1e}, order {order:.2f}; of Q {fine[1]:.0e}")
+    assert order > 1.9
+    assert fine[0] < 1e-3
+    assert fine[1] < 1e-12  # the flow is given
+
+
+@pytest.mark.parametrize("proximal", [2e3, 2e6])
+def test_a_flow_that_is_driven_by_pressure(tmp_path, proximal):
+    """ρ L/H dQ/dt = p_in - R_p Q - P: the outlet in the fluid's matrix, however stiff it is."""
+    inertance = DENSITY * LENGTH / HEIGHT
+
+    def rates(t, state):
+        Q, P = state
+        return [(800 * (1 - np.cos(4 * t)) - proximal * Q - P) / inertance, (Q - P / R_D) / C]
+
+    def reference(t):
+        method = {"method": "Radau", "rtol": 1e-10, "atol": 1e-12}
+        Q, P = solve_ivp(rates, (0, t[-1]), [0.0, 0.0], t_eval=t, **method).y
+        return proximal * Q + P, Q
+
+    drive = outlet(proximal), "boundary.0={on='left', traction={x='800*(1 - cos(4*t))'}}"
+    coarse, fine = (errors(tmp_path, n, reference, *drive) for n in (32, 64))
+    orders = np.log2(np.divide(coarse, fine))
+    print(f"R_p {proximal:g}: errors of p and Q {fine}, orders {orders}")
+    assert orders.min() > 1.8 and max(fine) < 2e-3
+    sweeps = history(tmp_path / "64")["coupling_iterations"]
+    assert sweeps.max() <= 6  # of a lagged tangent, as convection grows; the outlet adds none
+
+
+def test_a_resistance_alone_follows_the_flow(tmp_path):
+    change = outlet(0.0, 5e3, 0.0, distal_pressure=100.0), "boundary.0.velocity.x='0.3*sin(t)'"
+
+    def reference(t):
+        Q = 0.3 * HEIGHT * np.sin(t)
+        return 5e3 * Q + 100, Q
+
+    assert max(errors(tmp_path, 16, reference, *change)) < 2e-3  # of a line over a step of 0.05 s
+
+
+def test_steady_flow_through_a_resistance(tmp_path):
+    steady = ("model.fluid_inertia=false", "time.scheme=steady")
+    drive = outlet(), "boundary.0={on='left', traction={x='640'}}"
+    viscous = ("model.viscosity=true", "material.0.fluid.viscosity=1.0", "mesh.order=2")
+    walls = "boundary.2.velocity={x=0.0, y=0.0}", "mesh.y.cells=[2]"
+    run_here(Job(SCENE, str(tmp_path / "run"), (*steady, *viscous, *drive, *walls)))
+    found = history(tmp_path / "run")
+    Q, p = (found[f"right.{name}"][-1] for name in ("flow_rate", "pressure"))
+    poiseuille = 12 * 1.0 * LENGTH / HEIGHT**3
+    print(f"Q {Q:.5f}, with Poiseuille's flow everywhere {640 / (R_P + R_D + poiseuille):.5f}")
+    assert p == pytest.approx((R_P + R_D) * Q, rel=1e-9)
+    # the channel has 4.5 % of the resistance, and other profiles than Poiseuille's at its ends
+    assert Q == pytest.approx(640 / (R_P + R_D + poiseuille), rel=0.01)
+
+
+COUPLED = (
+    "boundary.2.windkessel={proximal=2e3, distal=2e4, compliance=1e-5}",
+    "time.end=0.05",
+    "coupling.tolerance=1e-10",
+    "coupling.max_iterations=100",
+)
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    ["interface=dirichlet_neumann", "scheme=quasi_direct", "scheme=direct"],
+)
+def test_every_scheme_has_it(tmp_path, scheme):
+    """Beside a flap: the partitioned schemes end in the solution of the condensed one."""
+    for name, change in (("condensed", "interface=condensed"), ("other", scheme)):
+        run_here(Job(FLAP, str(tmp_path / name), (*COUPLED, f"coupling.{change}")))
+    a, b = (history(tmp_path / name) for name in ("condensed", "other"))
+    columns = [name for name in a if name not in ("t", "coupling_iterations")]
+    apart = max(np.abs(a[name] - b[name]).max() / np.abs(b[name]).max() for name in columns)
+    assert apart < 1e-7  # the tolerance times the condition of a step
+    assert b["right.pressure"].max() > 100
+
+
+def test_restart_and_ranks_give_the_same(tmp_path):
+    whole = Job(FLAP, str(tmp_path / "whole"), (*COUPLED, "output.checkpoint_every=1"))
+    run_here(whole)
+    half = Job(
+        FLAP, str(tmp_path / "half"), (*COUPLED, "time.end=0.03", "output.checkpoint_every=3")
+    )
+    run_here(half)
+    rest = Job(FLAP, str(tmp_path / "rest"), COUPLED, restart=str(tmp_path / "half/checkpoint.h5"))
+    run_here(rest)
+    end, again = (history(tmp_path / name) for name in ("whole", "rest"))
+    for name in ("right.pressure", "right.flow_rate", "tip.u_x"):
+        assert again[name][-1] == end[name][-1]
+
+
+@needs_mpirun
+def test_two_ranks(tmp_path):
+    jobs = [Job(FLAP, str(tmp_path / str(n)), COUPLED) for n in (1, 2)]
+    run_here(jobs[0])
+    run_on(2, jobs[1:], tmp_path)
+    a, b = (history(tmp_path / str(n)) for n in (1, 2))
+    for name in ("right.pressure", "right.flow_rate", "tip.u_x"):
+        assert np.abs(a[name] - b[name]).max() < 1e-8 * np.abs(a[name]).max()
+
+
+def test_it_excludes_a_velocity_on_its_surface(tmp_path):
+    with pytest.raises(
+        InputError, match="has boundary.1.velocity.y already, which excl"
+    ):
+        run_here(Job(SCENE, str(tmp_path), (outlet(), "boundary.1.velocity.y=0.0")))
