@@ -50,7 +50,7 @@ def parameters(law: type) -> dict[str, Parameter]:
     """Return the parameters that a law or condition has beside those of all, by the key of the
     scene.
     """
-    fields = dataclasses.fields(law)
+    fields = dataclasses.fields(law) if dataclasses.is_dataclass(law) else ()
     return {
         field.name: field.metadata["parameter"] for field in fields if "parameter" in field.metadata
     }

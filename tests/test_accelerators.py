@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from porofsi_petsc.coupling.accelerators import ACCELERATORS
+from porofsi_petsc.accelerators import ACCELERATORS
 
 COMM = MPI.COMM_WORLD
 N = 8

@@ -2,14 +2,11 @@
 input.
 """
 
-import importlib
 import os
-from typing import get_args
 
 import pytest
 
 from porofsi_petsc.config import list_scenes, load_scene, scene_to_toml
-from porofsi_petsc.config.sections import Coupling
 from porofsi_petsc.config.steps import number_of_steps
 from porofsi_petsc.errors import InputError
 
@@ -151,17 +148,6 @@ def test_shipped_scene(name, title, path, tmp_path):
     assert title == scene.title and load_scene(name, smoke=True) != scene
     (tmp_path / "scene.toml").write_text(scene_to_toml(scene))
     assert load_scene(tmp_path / "scene.toml") == scene
-
-
-@pytest.mark.parametrize(
-    "module, table, section, field",
-    [
-        ("coupling.accelerators", "ACCELERATORS", Coupling, "accelerator"),
-    ],
-)
-def test_every_registered_name_can_be_chosen(module, table, section, field):
-    registered = getattr(importlib.import_module(f"porofsi_petsc.{module}"), table)
-    assert set(get_args(section.model_fields[field].annotation)) == set(registered)
 
 
 BOUNDARY = "boundary.2={on='left', %s}"

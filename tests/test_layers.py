@@ -21,6 +21,8 @@ LAYER = {
 LAYER |= {"fem": 2, "linalg": 2, "mesh": 1, "kernels": 1, "materials": 1, "elements": 1, "exact": 1}
 LAYER |= {
     "config": 3,
+    "accelerators": 1,
+    "quantities": 1,
     "conditions": 2,
     "registry": 0,
     "document": 0,

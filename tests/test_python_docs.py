@@ -25,4 +25,4 @@ def test_an_example_runs(number, tmp_path):
 
 
 def test_there_are_examples():
-    assert len(EXAMPLES) == 5
+    assert len(EXAMPLES) == 6

@@ -18,7 +18,16 @@ from porofsi_petsc.config import (
     schema,
     sections,
 )
-from porofsi_petsc.config.types import Coefficient, Formula, Limit, Scaling, Switch, Tags, Vector
+from porofsi_petsc.config.types import (
+    Coefficient,
+    Formula,
+    Limit,
+    OneOf,
+    Scaling,
+    Switch,
+    Tags,
+    Vector,
+)
 from porofsi_petsc.document import conditions_document, laws_document
 from porofsi_petsc.materials import ELASTIC, PERMEABILITY
 
@@ -75,6 +84,9 @@ def kind_of(annotation):
     origin = typing.get_origin(annotation)
     arguments = typing.get_args(annotation)
     if origin is typing.Annotated:
+        chosen = [entry for entry in annotation.__metadata__ if isinstance(entry, OneOf)]
+        if chosen:
+            return ", ".join(f'"{name}"' for name in chosen[0].names)
         return kind_of(arguments[0])
     if origin is typing.Literal:
         return ", ".join(f'"{a}"' if isinstance(a, str) else str(a) for a in arguments)

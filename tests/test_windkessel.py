@@ -144,7 +144,5 @@ def test_two_ranks(tmp_path):
 
 
 def test_it_excludes_a_velocity_on_its_surface(tmp_path):
-    with pytest.raises(
-        InputError, match="has boundary.1.velocity.y already, which excl"
-    ):
+    with pytest.raises(InputError, match="has boundary.1.velocity.y already, which excl"):
         run_here(Job(SCENE, str(tmp_path), (outlet(), "boundary.1.velocity.y=0.0")))

@@ -6,7 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict, model_validator
 
+from ..accelerators import ACCELERATORS
 from ..errors import digits, shown
+from ..quantities import BUILT_IN, QUANTITIES
 from .steps import MOST_STEPS, RESOLUTION, number_of_steps
 from .types import (
     Coefficient,
@@ -16,6 +18,7 @@ from .types import (
     ListOf,
     Name,
     Number,
+    OneOf,
     Positive,
     Scaling,
     Switch,
@@ -27,7 +30,7 @@ from .types import (
 
 # a local error below is that of rounding, a few 1e-16 of u and p, which no step makes smaller
 FINEST_ERROR = 1e-12
-Quantity = Literal["u_x", "u_y", "u_z", "v_x", "v_y", "v_z", "vf_x", "vf_y", "vf_z", "p", "n_f"]
+Quantity = Annotated[Text, OneOf(QUANTITIES, *BUILT_IN)]
 
 
 class Model(Table):
@@ -188,7 +191,7 @@ class Coupling(Table):
 
     scheme: Literal["partitioned", "quasi_direct", "direct", "weak", "one_way"] = "partitioned"
     split: Literal["corrected", "plain"] = "corrected"
-    accelerator: Literal["iqn_ils", "aitken", "anderson", "constant", "none", "auto"] = "iqn_ils"
+    accelerator: Annotated[Text, OneOf(ACCELERATORS)] = "iqn_ils"
     reuse_steps: Annotated[int, Strict(), Field(ge=0, le=1000)] = 4
     interface: Literal[
         "auto",

@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError, core_schema
 
 from ..errors import InputError, listed, shown
+from ..registry import Registry
 from .expressions import Expression
 from .numbers import RANGE, in_range
 
@@ -113,6 +114,33 @@ def _in_range(value: float) -> float:
     if not in_range(value):
         raise wrong(f"received {shown(value)}, expected 0 or {RANGE}")
     return value
+
+
+class OneOf:
+    """The annotation of a name: one of some words, or of what a registry has when a scene is
+    read.
+    """
+
+    def __init__(self, registry: Registry, *words: str) -> None:
+        """Take the registry and the words."""
+        self._registry = registry
+        self._words = words
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return what may be chosen now."""
+        return (*self._words, *self._registry)
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Return the schema of the name."""
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def _check(self, name: str) -> str:
+        if name not in self.names:
+            raise wrong(f"received {shown(name)}, expected one of {listed(self.names)}")
+        return name
 
 
 def _switch(value: Any) -> Any:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ..accelerators import Plain
 from ..phases.condensed import CondensedSolid
 from ..phases.residual import Residual
 from ..phases.transfer import Rates
-from .accelerators import Plain
 from .interface import InterfaceMedium, InterfaceSweep
 from .protocols import InterfaceFluid
 

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 import numpy as np
 from mpi4py import MPI
 
+from ..accelerators import Anderson, Plain, QuasiNewton
 from ..clock import Scheme
 from ..phases.tangent import Travel
 from ..phases.transfer import MeshState, Rates
-from .accelerators import Anderson, Plain, QuasiNewton
 from .medium import Medium
 from .protocols import Arrays, Fluid, Memory, Solid
 

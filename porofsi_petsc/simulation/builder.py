@@ -5,11 +5,11 @@ distributed mesh.
 from collections.abc import Collection
 from typing import Any
 
+from ..accelerators import ACCELERATORS
 from ..conditions import CONDITIONS
 from ..config import Scene
 from ..config.expressions import Expression
 from ..config.material import Material
-from ..coupling.accelerators import ACCELERATORS
 from ..coupling.medium import Medium
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain

@@ -1,8 +1,12 @@
 """What the history records: fields at probes and forces on surfaces."""
 
+import numpy as np
+
 from ..config import Scene
 from ..coupling.interface import InterfaceMedium
+from ..quantities import QUANTITIES
 from .auto import AnyMedium
+from .fields import Fields
 from .forces import Forces
 from .measures import Measures
 from .sides import check_probes, probes_in
@@ -42,9 +46,9 @@ class Quantities:
         return [recorded[column] for column in self._scene.surface_columns]
 
     def _probe_values(self):
-        values = {}
         fields = self._probe_fields()
-        for quantity in {q for probe in self._scene.probe for q in probe.quantities}:
+        values = self._own_values()
+        for quantity in self._asked - QUANTITIES.keys():
             name, _, axis = quantity.rpartition("_") if quantity != "n_f" else (quantity, "", "")
             column = AXES.get(axis, 0) if quantity != "p" else 0
             values[quantity] = fields[name or quantity][:, column]
@@ -55,15 +59,28 @@ class Quantities:
             for quantity in probe.quantities
         ]
 
+    @property
+    def _asked(self):
+        """Return the quantities of all probes."""
+        return {quantity for probe in self._scene.probe for quantity in probe.quantities}
+
+    def _own_values(self):
+        """Return the values of registered quantities at all probes, name -> (n_probes,)."""
+        places = {"solid": self._in_solid, "fluid": self._in_fluid}
+        fields = Fields(self._scene, self._coupling, self._measures)
+        found = {}
+        for name in sorted(self._asked & QUANTITIES.keys()):
+            quantity = QUANTITIES[name]()
+            nodal = self._mesh.halo.extend(np.asarray(quantity.values(fields))[:, None])
+            found[name] = places[quantity.behind].evaluate(nodal)[:, 0]
+        return found
+
     def _probe_fields(self):
         """Return the probe values of every recorded field, name -> (n_probes, k)."""
         coupling = self._coupling
         fluid = self._coupling.fluid
-        wanted = {
-            q if q in ("p", "n_f") else q.rpartition("_")[0]
-            for probe in self._scene.probe
-            for q in probe.quantities
-        }
+        asked = self._asked - QUANTITIES.keys()
+        wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for q in asked}
         arrays = {
             "u": coupling.displacement(),
             "v": coupling.velocity(),

@@ -12,6 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
+from .registry import Registry
+
 Dot = Callable[[np.ndarray, np.ndarray], float]
 Columns = list[list[tuple[np.ndarray, np.ndarray]]]  # of the steps, the newest last
 
@@ -236,11 +238,37 @@ class QuasiNewton(Plain):
         self._steps = [[pair for pair in step if next(number) in kept] for step in self._steps]
 
 
-ACCELERATORS = {
-    "none": Plain,
-    "constant": Constant,
-    "aitken": Aitken,
-    "anderson": Anderson,
-    "iqn_ils": QuasiNewton,
-}
-ACCELERATORS["auto"] = QuasiNewton  # the fewest sweeps in every scene measured, docs/solvers.md
+def check_accelerator(accelerator: type) -> None:
+    """Raise ValueError where an accelerator does not end at the fixed point of a contraction."""
+
+    def dot(a, b):
+        return float(np.vdot(a, b))
+
+    body = accelerator(dot)
+    body.begin_step()
+    x = np.zeros(2)
+    for _ in range(ENOUGH):
+        F = MATRIX @ x + 1.0
+        x = body.next(x, F)
+    body.load(body.columns())
+    exact = np.linalg.solve(np.eye(2) - MATRIX, np.ones(2))
+    if not np.allclose(x, exact, rtol=1e-6):
+        raise ValueError(f"it ends at {x} instead of the fixed point {exact}")
+
+
+# A contraction with the factors 0.5 and -0.3, and iterations after which each one is at its end.
+MATRIX = np.array([[0.1, 0.4], [0.4, 0.1]])
+ENOUGH = 60
+ACCELERATORS = Registry(
+    "accelerator",
+    "porofsi_petsc.accelerators",
+    {
+        "iqn_ils": QuasiNewton,
+        "aitken": Aitken,
+        "anderson": Anderson,
+        "constant": Constant,
+        "none": Plain,
+        "auto": QuasiNewton,  # the fewest sweeps in every scene measured, docs/solvers.md
+    },
+    check=check_accelerator,
+)
