@@ -10,10 +10,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from unittest import mock
 
-import fuzz_checkpoints as fuzzing
 import h5py
 import numpy as np
 import pytest
+from fuzz import checkpoints as fuzzing
 from mpi4py import MPI
 from running import (
     SCENES,
@@ -100,7 +100,7 @@ def refused(job, match):
 
 
 def test_damaged_checkpoints_are_refused_or_do_not_matter(tmp_path):
-    """Two of each kind; scripts/fuzz_checkpoints.py does many."""
+    """Two of each kind; scripts/run fuzz checkpoints does many."""
     found = fuzzing.fuzz(2 * len(fuzzing.DAMAGES), 0, tmp_path)
     assert fuzzing.wrong(found) == []
     assert sum(outcome == "refused" for *_, outcome in found) > 30

@@ -4,7 +4,7 @@ factorizations, on any ranks.
 
 import numpy as np
 import pytest
-from bench_fluid_solver import OBSTACLE_SOLVER, TO_FIVE_DIGITS, Channel, count, solve
+from bench.fluid_solver import OBSTACLE_SOLVER, TO_FIVE_DIGITS, Channel, count, solve
 from running import SCENES, Job, run_here
 
 from porofsi_petsc.linalg import options

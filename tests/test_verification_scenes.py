@@ -2,11 +2,9 @@
 errors over the mesh.
 """
 
-import sys
-
 import numpy as np
 import pytest
-from running import ROOT, Job, history, run_here, summary
+from running import Job, history, run_here, summary
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.config.tables import table
@@ -15,8 +13,6 @@ from porofsi_petsc.exact import Cryer, Mandel, Seabed, StripFooting, UnconfinedC
 from porofsi_petsc.mesh.write import write_mesh
 from porofsi_petsc.simulation.reference import _Soil
 from porofsi_petsc.studies.bodies import sector
-
-sys.path.insert(0, str(ROOT / "scripts"))
 
 
 def soil(scene):
