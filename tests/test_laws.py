@@ -140,7 +140,8 @@ def test_a_name_has_one_law():
     with pytest.raises(
         ValueError,
         match=(
-            "elastic law 'neo_hookean': the name has NeoHookean of porofsi_petsc.materials.elastic"
+            "elastic law 'neo_hookean': the name has NeoHookean of"
+            " porofsi_petsc.materials.neo_hookean"
         ),
     ):
         ELASTIC.register("neo_hookean")(NeoHookeanByEnergy)

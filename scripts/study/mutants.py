@@ -25,15 +25,12 @@ import command_line
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = "porofsi_petsc"
+LAWS = ("linear", "saint_venant_kirchhoff", "neo_hookean", "points", "strain")
+OF_LAWS = ["test_kernels.py", "test_exact.py", "-k", "stress or law or strain or confined"]
 TARGETS = {
     "materials/permeability.py": ["test_permeability.py"],
     "materials/porous.py": ["test_permeability.py", "test_porous_flag.py"],
-    "materials/elastic.py": [
-        "test_kernels.py",
-        "test_exact.py",
-        "-k",
-        "stress or law or strain or confined",
-    ],
+    **dict.fromkeys((f"materials/{name}.py" for name in LAWS), OF_LAWS),
     "kernels/stabilization.py": ["test_stabilization.py"],
     "simulation/measures.py": ["test_measures.py", "test_auto_model.py"],
 }
