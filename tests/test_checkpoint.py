@@ -640,6 +640,6 @@ def test_a_run_on_a_full_disk_keeps_its_checkpoint(half, whole):
 
 def test_room_is_looked_for_before_ranks_write_together(tmp_path):
     """HDF5 for MPI writes by itself: it can only be kept from starting."""
-    hdf5._require_room(tmp_path / "a.h5", 1000)
+    hdf5.require_room(tmp_path / "a.h5", 1000)
     with pytest.raises(OSError, match="No space left"):
-        hdf5._require_room(tmp_path / "a.h5", 1 << 62)
+        hdf5.require_room(tmp_path / "a.h5", 1 << 62)

@@ -26,7 +26,7 @@ def test_a_case_is_the_same_whatever_was_tried_before():
         made = []
         with mock.patch.object(
             fuzzing.Fuzz,
-            "_outcome",
+            "outcome",
             lambda self, *_: made.append(self.path.read_bytes()) or "valid",
         ):
             fuzzing.fuzz(cases, seed=3, first=first)

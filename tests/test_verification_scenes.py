@@ -11,13 +11,13 @@ from porofsi_petsc.config.tables import table
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.exact import Cryer, Mandel, Seabed, StripFooting, UnconfinedCylinder
 from porofsi_petsc.mesh.write import write_mesh
-from porofsi_petsc.simulation.reference import _Soil
+from porofsi_petsc.simulation.reference import Soil
 from porofsi_petsc.studies.bodies import sector
 
 
 def soil(scene):
     """Return λ, μ and c_v of a scene's material."""
-    found = _Soil.of(scene)
+    found = Soil.of(scene)
     return found.lam, found.mu, found.diffusivity
 
 

@@ -383,7 +383,7 @@ class Fuzz:
         smoke = draw.random() < 0.1
         signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT)
         try:
-            outcome = self._outcome(overrides, smoke)
+            outcome = self.outcome(overrides, smoke)
             problem = None
         except InputError as error:
             outcome = "refused"
@@ -400,7 +400,8 @@ class Fuzz:
         if problem:
             self.findings.append((number, problem, overrides, text))
 
-    def _outcome(self, overrides, smoke):
+    def outcome(self, overrides, smoke):
+        """Return what comes of the case where nothing is raised: valid, checked or run."""
         scene = load_scene(self.path, overrides, smoke)
         if FEW < _cells(scene) < MANY:
             return "valid"
