@@ -89,9 +89,9 @@ def _stationary(element, X, x, part, origin, directions):
             xi = origin + s @ directions
             slope = np.swapaxes(X, 1, 2) @ (element.gradient(xi) @ directions.T)
             gap = x - _at(element.shape(xi), X)
-            pull = (np.swapaxes(slope, 1, 2) @ gap[..., None])[..., 0]
+            descent = (np.swapaxes(slope, 1, 2) @ gap[..., None])[..., 0]
             before = s
-            s = (s + _solve(np.swapaxes(slope, 1, 2) @ slope, pull)).clip(-OUTER, OUTER)
+            s = (s + _solve(np.swapaxes(slope, 1, 2) @ slope, descent)).clip(-OUTER, OUTER)
             if np.abs(s - before).max(initial=0.0) <= ROUND_OFF:
                 break
     return origin + s @ directions, part.contains(s, ROUND_OFF)
