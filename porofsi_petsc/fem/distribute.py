@@ -45,7 +45,7 @@ class LocalMesh:
     facets : tag -> Facets, the same tags on every rank.
     """
 
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     element: Element
     n_owned: int
     n_global: int
@@ -75,7 +75,7 @@ class LocalMesh:
         return len(self.natural)
 
 
-def distribute(comm: MPI.Comm, mesh: Mesh | None, owner: np.ndarray | None) -> LocalMesh:
+def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None) -> LocalMesh:
     """Return the LocalMesh of every rank; collective.
 
     mesh : mesh.Mesh, owner : (N,) rank of every node; both on rank 0 and ignored elsewhere.

@@ -11,7 +11,9 @@ class Halo:
     sends.
     """
 
-    def __init__(self, comm: MPI.Comm, n_owned: int, ghosts: np.ndarray, first: np.ndarray) -> None:
+    def __init__(
+        self, comm: MPI.Intracomm, n_owned: int, ghosts: np.ndarray, first: np.ndarray
+    ) -> None:
         """Exchange the lists of neighbours; collective.
 
         ghosts : (G,) ascending PETSc node numbers of the ghost rows.  first : (size + 1,) first

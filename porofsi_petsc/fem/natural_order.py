@@ -13,7 +13,7 @@ class NaturalOrder:
     bounds : (size + 1,) int64, slabs of equal size up to one row.
     """
 
-    def __init__(self, comm: MPI.Comm, natural: np.ndarray, n_global: int) -> None:
+    def __init__(self, comm: MPI.Intracomm, natural: np.ndarray, n_global: int) -> None:
         """Exchange the row lists; collective.  natural : (n_owned,) ascending natural numbers of
         the owned nodes.
         """

@@ -46,6 +46,10 @@ class ElasticLaw:
         H[..., 2, 2] = np.subtract(J, 1)
         return self.stress(H)[..., 2, 2]
 
+    def energy(self, H: np.ndarray) -> np.ndarray:
+        """Return Psi, (...)."""
+        raise NotImplementedError(f"{type(self).__name__} has no energy")
+
     def stress(self, H: np.ndarray) -> np.ndarray:
         """Return P, (..., d, d)."""
         raise NotImplementedError(f"{type(self).__name__} has no stress")
