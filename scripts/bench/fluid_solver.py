@@ -8,6 +8,7 @@ H/ν.  A Newton iteration each until 1e-6; numbers are FGMRES iterations, mean/l
 1e-5.  More ranks: mpirun -n 2 scripts/run bench fluid_solver
 """
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from unittest import mock
 
@@ -132,12 +133,14 @@ def solve(case, direct=False, petsc=OBSTACLE_SOLVER):
     from mpi4py import MPI
 
     from porofsi_petsc.config import Scene
-    from porofsi_petsc.simulation import interface
+    from porofsi_petsc.simulation import builder, interface
     from porofsi_petsc.simulation.loop import Clock
     from porofsi_petsc.simulation.simulation import Simulation
 
     scene = Scene.model_validate(case.tables())
-    with mock.patch.object(interface, "is_direct", lambda mesh: direct):
+    with ExitStack() as stack:
+        for module in (builder, interface):
+            stack.enter_context(mock.patch.object(module, "is_direct", lambda mesh: direct))
         coupling = Simulation(scene, MPI.COMM_WORLD).coupling
     clock = Clock(scene.time)
     dt = scene.time.step
