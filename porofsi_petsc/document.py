@@ -7,8 +7,8 @@ from .registry import Parameter, Registry, parameters
 
 HEAD = """# Laws
 
-Written by `scripts/write_docs.py` from the classes in `porofsi_petsc/materials` (do not edit by
-hand). Laws of one's own: [python.md](python.md).
+Written by `scripts/run docs registered` from the classes in `porofsi_petsc/materials` (do not edit
+by hand). Laws of one's own: [python.md](python.md).
 """
 ELASTIC = """## `material.solid.law`
 
@@ -24,10 +24,10 @@ or intrinsic:
 
 CONDITIONS = """# Conditions on surfaces
 
-Written by `scripts/write_docs.py` from the classes in `porofsi_petsc/conditions` (do not edit by
-hand): the keys of `[[boundary]]` beside those of [scene.md](scene.md). A condition is a term of a
-balance on the surface; it stands beside what it does not exclude, component by component where both
-have components. Formulas are those of time and reference position. Conditions of one's own:
+Written by `scripts/run docs registered` from the classes in `porofsi_petsc/conditions` (do not edit
+by hand): the keys of `[[boundary]]` beside those of [scene.md](scene.md). A condition is a term of
+a balance on the surface; it stands beside what it does not exclude, component by component where
+both have components. Formulas are those of time and reference position. Conditions of one's own:
 [python.md](python.md).
 """
 

@@ -57,7 +57,8 @@ def filled(*options):
             volume = domain.sum_owned(
                 coupling.accepted_carrier().configuration.geometry.dV.sum(axis=1)
             )
-            rows.append((clock.t, volume, coupling.solid.u[point, 0], coupling.fluid._p0[point]))
+            pressure = coupling.fluid.state()["p_collocated"]
+            rows.append((clock.t, volume, coupling.solid.u[point, 0], pressure[point]))
 
         return look
 

@@ -3,14 +3,19 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
-SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "bench_assembly"
+from launching import environment
+
+BENCH = [sys.executable, "-m", "bench.assembly"]
 
 
 def records(scale, *cases):
-    command = [sys.executable, SCRIPT, "--json", "--rounds", "1", "--scale", str(scale), *cases]
-    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    command = [*BENCH, "--json", "--rounds", "1", "--scale", str(scale), *cases]
+    return json.loads(
+        subprocess.run(
+            command, env=environment(), capture_output=True, text=True, check=True
+        ).stdout
+    )
 
 
 def test_records_have_their_fields_and_the_tangent_grows_like_the_number_of_nodes():
@@ -30,5 +35,7 @@ def test_records_have_their_fields_and_the_tangent_grows_like_the_number_of_node
 
 
 def test_unknown_case_is_refused():
-    run = subprocess.run([sys.executable, SCRIPT, "neo_hookean_p9"], capture_output=True, text=True)
+    run = subprocess.run(
+        [*BENCH, "neo_hookean_p9"], env=environment(), capture_output=True, text=True
+    )
     assert run.returncode == 2 and "neo_hookean_p9" in run.stderr and "flow_t4" in run.stderr

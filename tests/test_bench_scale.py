@@ -3,18 +3,25 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from bench_scale import CASES, COLUMNS, KEYS, block, study
+from bench.scale import CASES, COLUMNS, KEYS, block, study
 from running import environment, needs_mpirun
-
-SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "bench_scale.py"
 
 
 @needs_mpirun
 def test_a_run_on_two_ranks_has_all_columns():
-    command = [sys.executable, SCRIPT, "porous", "--unknowns", "2000", "--ranks", "2", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "bench.scale",
+        "porous",
+        "--unknowns",
+        "2000",
+        "--ranks",
+        "2",
+        "--json",
+    ]
     run = subprocess.run(command, capture_output=True, text=True, env=environment(), timeout=120)
     (record,) = json.loads(run.stdout)
     assert set(record) == {*KEYS, *COLUMNS} and record["ranks"] == 2

@@ -10,10 +10,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from unittest import mock
 
-import fuzz_checkpoints as fuzzing
 import h5py
 import numpy as np
 import pytest
+from fuzz import checkpoints as fuzzing
 from mpi4py import MPI
 from running import (
     SCENES,
@@ -100,7 +100,7 @@ def refused(job, match):
 
 
 def test_damaged_checkpoints_are_refused_or_do_not_matter(tmp_path):
-    """Two of each kind; scripts/fuzz_checkpoints.py does many."""
+    """Two of each kind; scripts/run fuzz checkpoints does many."""
     found = fuzzing.fuzz(2 * len(fuzzing.DAMAGES), 0, tmp_path)
     assert fuzzing.wrong(found) == []
     assert sum(outcome == "refused" for *_, outcome in found) > 30
@@ -640,6 +640,6 @@ def test_a_run_on_a_full_disk_keeps_its_checkpoint(half, whole):
 
 def test_room_is_looked_for_before_ranks_write_together(tmp_path):
     """HDF5 for MPI writes by itself: it can only be kept from starting."""
-    hdf5._require_room(tmp_path / "a.h5", 1000)
+    hdf5.require_room(tmp_path / "a.h5", 1000)
     with pytest.raises(OSError, match="No space left"):
-        hdf5._require_room(tmp_path / "a.h5", 1 << 62)
+        hdf5.require_room(tmp_path / "a.h5", 1 << 62)

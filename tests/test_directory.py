@@ -219,7 +219,7 @@ def test_a_kill_at_any_moment_loses_nothing(tmp_path, monkeypatch, accept):
             count, lambda folder=folder: replace_results(folder, accept), monkeypatch
         )
         while killed_after(
-            2, lambda folder=folder: directory._finish(folder), monkeypatch
+            2, lambda folder=folder: directory.recover(folder), monkeypatch
         ):  # the recovery is killed too
             pass
         left = {name: text for name, text in content(folder).items() if name != ".lock"}

@@ -3,10 +3,10 @@
 import sys
 from pathlib import Path
 
-import make_duct_cylinder
 import numpy as np
 import pytest
-from make_duct_cylinder import CENTRE, HEIGHT, LENGTH, RADIUS, duct
+from mesh import duct_cylinder
+from mesh.duct_cylinder import CENTRE, HEIGHT, LENGTH, RADIUS, duct
 
 from porofsi_petsc.elements.quadrature import quadrature
 from porofsi_petsc.mesh import read_mesh
@@ -26,7 +26,7 @@ def test_the_script_writes_the_shipped_meshes(shipped, tmp_path, monkeypatch):
     new = tmp_path / "new.msh"
     words = ["make", f"--cells={cells}", f"--growth={GROWTH[cells]}", f"--output={new}"]
     monkeypatch.setattr(sys, "argv", words)
-    make_duct_cylinder.main()
+    duct_cylinder.main()
     again, kept = (read_mesh(file, 3) for file in (new, path))
     assert np.array_equal(again.cells, kept.cells)
     assert (
@@ -40,7 +40,7 @@ def test_an_odd_number_of_cells_is_refused(tmp_path, monkeypatch, capsys):
         sys, "argv", ["make", "--cells", "5", "--output", str(tmp_path / "odd.msh")]
     )
     with pytest.raises(SystemExit) as end:
-        make_duct_cylinder.main()
+        duct_cylinder.main()
     assert end.value.code == 2 and "even" in capsys.readouterr().err
 
 

@@ -212,7 +212,7 @@ def test_the_prescribed_motion_of_a_mesh_holds_beside_a_surface_without_one():
     scene = load_scene(FREE, (f"boundary=[{moved}, {{on=['bottom', 'right', 'top']}}]",))
     coupling = Simulation(scene, COMM).coupling
     field = np.zeros_like(coupling.motion.u)
-    coupling.motion._setup.dirichlet.apply(field, 1.0)
+    coupling.motion.setup.dirichlet.apply(field, 1.0)
     assert (field[coupling.motion.mesh.X[:, 0] == 0, 0] == 0.1).all()
 
 

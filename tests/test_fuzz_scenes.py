@@ -1,17 +1,17 @@
-"""scripts/fuzz_scenes.py: hostile scenes and overrides are refused in a sentence, and it finds what
-is not.
+"""scripts/run fuzz scenes: hostile scenes and overrides are refused in a sentence, and it finds
+what is not.
 """
 
 from collections import Counter
 from unittest import mock
 
-import fuzz_scenes
+from fuzz import scenes as fuzzing
 
 from porofsi_petsc.errors import InputError
 
 
 def test_hostile_scenes_are_valid_or_refused_in_a_sentence():
-    trial = fuzz_scenes.fuzz(200, seed=1)
+    trial = fuzzing.fuzz(200, seed=1)
     print(dict(trial.counts))
     assert trial.findings == []
     assert (
@@ -25,11 +25,11 @@ def test_a_case_is_the_same_whatever_was_tried_before():
     def texts(first, cases):
         made = []
         with mock.patch.object(
-            fuzz_scenes.Fuzz,
-            "_outcome",
+            fuzzing.Fuzz,
+            "outcome",
             lambda self, *_: made.append(self.path.read_bytes()) or "valid",
         ):
-            fuzz_scenes.fuzz(cases, seed=3, first=first)
+            fuzzing.fuzz(cases, seed=3, first=first)
         return made
 
     assert texts(0, 6)[4:] == texts(4, 2)
@@ -37,8 +37,8 @@ def test_a_case_is_the_same_whatever_was_tried_before():
 
 def test_what_is_no_sentence_is_found():
     def found(error):
-        with mock.patch.object(fuzz_scenes, "load_scene", side_effect=error):
-            return fuzz_scenes.fuzz(1).findings[:1]
+        with mock.patch.object(fuzzing, "load_scene", side_effect=error):
+            return fuzzing.fuzz(1).findings[:1]
 
     assert found(InputError("[time.end]: received 0, expected a number > 0")) == []
     for error in (

@@ -2,26 +2,14 @@
 scenes, limits of a sequence.
 """
 
-import importlib.util
-
 import pytest
-from running import ROOT, Job, run_here
+from running import Job, run_here
+from study import hron_turek as study
 
 from porofsi_petsc import load_scene
 
 FREQUENCY = 1.0995  # [Hz], of CSM3, Featflow
 STEP = 0.01  # [s], 91 a period
-
-
-@pytest.fixture(scope="module")
-def study():
-    """Return the study script as a module."""
-    spec = importlib.util.spec_from_file_location(
-        "study_hron_turek", ROOT / "scripts" / "study_hron_turek.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_a_swinging_beam_has_its_period_in_summary_and_log(tmp_path):
@@ -46,14 +34,14 @@ def test_a_swinging_beam_has_its_period_in_summary_and_log(tmp_path):
     assert f"A.u_y: {tip['mean']:.6g} +- {tip['amplitude']:.6g}, {tip['frequency']:.5g} Hz" in log
 
 
-def test_every_published_row_has_its_expectation(study):
+def test_every_published_row_has_its_expectation():
     for case in ("cfd1", "cfd2", "cfd3", "csm1", "csm2", "fsi1", "fsi2", "fsi3"):
         expected = {study.quantity(e) for e in load_scene(f"hron_turek_{case}").expect}
         rows = study.published(case)
         assert len(rows) >= 3 and all(values.keys() <= expected for values in rows.values())
 
 
-def test_the_reference_is_the_limit_of_the_published_rows(study):
+def test_the_reference_is_the_limit_of_the_published_rows():
     # The finest published row and the value the scene expects are the same number, or one more
     # refinement apart (CSM: 2e-5).
     for case in ("cfd1", "cfd2", "cfd3", "csm1", "csm2", "fsi1", "fsi2", "fsi3"):
@@ -63,7 +51,7 @@ def test_the_reference_is_the_limit_of_the_published_rows(study):
                 assert study.error(finest[study.quantity(e)], e) < 5e-5
 
 
-def test_order_and_limit_of_halved_sizes(study):
+def test_order_and_limit_of_halved_sizes():
     q, limit = study.limits([9.0, *(2.0 + 3.0 * 0.5 ** (1.5 * level) for level in range(3))])
     assert q == pytest.approx(1.5) and limit == pytest.approx(2.0)
     assert (

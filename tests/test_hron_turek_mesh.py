@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from launching import environment
 
 from porofsi_petsc.elements.quadrature import quadrature
 from porofsi_petsc.mesh import read_mesh
 from porofsi_petsc.mesh.topology import facet_multiplicity
 
 MESHES = Path(__file__).resolve().parents[1] / "configs" / "meshes"
-SCRIPTS = MESHES.parents[1] / "scripts"
 CHANNEL = ["hron_turek_0_p1", "hron_turek_0_p2", "hron_turek_1_p1"]
 RING = ["ring_0_p2", "ring_1_p2"]
 CENTRE, RADIUS, HALF, TIP = np.array([0.2, 0.2]), 0.05, 0.01, 0.6  # [m]
@@ -131,7 +131,8 @@ def test_a_level_below_zero_doubles_the_sizes(tmp_path):
     path = tmp_path / "coarse.msh"
     words = [
         sys.executable,
-        SCRIPTS / "make_hron_turek.py",
+        "-m",
+        "mesh.hron_turek",
         "--level",
         "-1",
         "--order",
@@ -139,7 +140,7 @@ def test_a_level_below_zero_doubles_the_sizes(tmp_path):
         "--output",
         path,
     ]
-    subprocess.run(words, check=True, capture_output=True)
+    subprocess.run(words, env=environment(), check=True, capture_output=True)
     coarse = read_mesh(path, 2)
     fine = read_mesh(MESHES / "hron_turek_0_p2.msh", 2)
     for tag in ("root", "interface"):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from porofsi_petsc import Simulation, load_scene
-from porofsi_petsc.config import scene_to_toml, schema
+from porofsi_petsc import Simulation, load_scene, registry
+from porofsi_petsc.config import scene_to_toml
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.materials import (
     ELASTIC,
@@ -17,11 +17,11 @@ from porofsi_petsc.materials import (
     ElasticLaw,
     FromEnergy,
     PermeabilityLaw,
-    law,
     parameter,
 )
 from porofsi_petsc.materials.contract import check_elastic
 from porofsi_petsc.materials.from_energy import invariants
+from porofsi_petsc.registry import Registry
 
 pytestmark = pytest.mark.usefixtures("petsc")
 
@@ -55,12 +55,11 @@ class Linear(PermeabilityLaw):
 @pytest.fixture(autouse=True)
 def own_laws():
     """Register the laws for a test."""
-    kept = dict(ELASTIC._all), dict(PERMEABILITY._all)
     ELASTIC.register("by_energy")(NeoHookeanByEnergy)
     PERMEABILITY.register("power")(Linear)
     yield
-    ELASTIC._laws, PERMEABILITY._laws = kept
-    schema._renew()
+    ELASTIC.forget("by_energy")
+    PERMEABILITY.forget("power")
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -140,7 +139,8 @@ def test_a_name_has_one_law():
     with pytest.raises(
         ValueError,
         match=(
-            "elastic law 'neo_hookean': the name has NeoHookean of porofsi_petsc.materials.elastic"
+            "elastic law 'neo_hookean': the name has NeoHookean of"
+            " porofsi_petsc.materials.neo_hookean"
         ),
     ):
         ELASTIC.register("neo_hookean")(NeoHookeanByEnergy)
@@ -151,8 +151,10 @@ def test_a_name_has_one_law():
 
 def test_packages_bring_laws_by_entry_points(monkeypatch):
     entry = EntryPoint("of_a_package", f"{__name__}:NeoHookeanByEnergy", "porofsi_petsc.elastic")
-    monkeypatch.setattr(law, "entry_points", lambda group: [entry] if group == entry.group else [])
-    found = law.Registry("elastic law", "porofsi_petsc.elastic", {})
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: [entry] if group == entry.group else []
+    )
+    found = Registry("elastic law", "porofsi_petsc.elastic", {})
     assert list(found) == ["of_a_package"] and found["of_a_package"] is NeoHookeanByEnergy
 
 

@@ -12,9 +12,9 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.errors import LimitError
 from porofsi_petsc.materials import ELASTIC
 from porofsi_petsc.simulation.build import local_mesh
+from porofsi_petsc.simulation.builder import materials_of
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.measures import Measures
-from porofsi_petsc.simulation.builder import materials_of
 from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")

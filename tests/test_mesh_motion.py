@@ -73,7 +73,7 @@ def test_the_mesh_is_a_function_of_its_boundary(law, order):
         if number == 14:
             on_the_way = motion.u
     at_once = move(mesh_moved_by(SWING, *options), 0.7, step=0.7).u
-    boundary = motion._setup.mask.all(axis=1)
+    boundary = motion.setup.mask.all(axis=1)
     exact = at(functions(SWING), 0.7, motion.mesh.X)
     print(
         f"P{order} {law}: min J {motion.smallest_ratio:.2f}, back {np.abs(motion.u).max():.1e},"
@@ -229,7 +229,7 @@ def test_the_mesh_of_a_moving_solid_starts_with_its_velocity(law):
     motion.begin_step(second_order(0.5, tiny), 0.0)
     motion.follow(coupling.solid.u + tiny * coupling.solid.v)
     here = motion.domain.holds
-    rate = ((motion._u1 - before) / tiny)[here]
+    rate = ((motion.end_displacement - before) / tiny)[here]
     error = np.abs(rate - velocity[here]).max() / np.abs(rate).max()
     print(f"{law}: largest rate {np.abs(rate).max():.2f}, error {error:.1e}")
     assert error < (

@@ -57,16 +57,15 @@ def difference(coupling):
 
 
 def in_physical_variables(mixture, matrix, d):
-    """Return the matrix by (y, v, p): without scales, v = w + tie y, and the skeleton's rows
-    without those of the fluid.
+    """Return the matrix K with K δ = r for increments δ of (y, v, p) and balances r: M x = L r and
+    δ = S x.
     """
-    n = len(matrix) // (2 * d + 1)
-    m = 2 * d + 1
-    K = matrix.reshape(n, m, n, m) / mixture._rows[:, None, None] / mixture._columns
-    tie = np.where(mixture._free_velocity, mixture._tie, 0.0)[:n]
-    K[..., :d] -= tie * K[..., d : 2 * d]
-    K[:, :d] -= mixture._added[:n][..., None, None] * K[:, d : 2 * d]
-    return K.reshape(n * m, n * m)
+    unit = np.eye(len(matrix)).reshape(len(matrix), -1, 2 * d + 1)
+    L, S = (
+        np.column_stack([change(column).ravel() for column in unit])
+        for change in (mixture.combined, mixture.separated)
+    )
+    return np.linalg.solve(L, matrix) @ np.linalg.inv(S)
 
 
 def block_errors(coupling, rates):
@@ -77,8 +76,8 @@ def block_errors(coupling, rates):
     d = coupling.solid.mesh.dim
     expected = difference(coupling)
     mixture.assemble(rates)
-    matrix = in_physical_variables(mixture, dense(mixture._matrix.mat), d)
-    free = ~mixture._mask.ravel()
+    matrix = in_physical_variables(mixture, dense(mixture.block.matrix.mat), d)
+    free = ~mixture.block.mask.ravel()
     component = np.tile(np.arange(2 * d + 1), len(free) // (2 * d + 1))
     fields = {
         "y": component < d,

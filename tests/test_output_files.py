@@ -274,13 +274,13 @@ def test_progress_prints_few_lines_when_redirected(monkeypatch):
 
 def test_time_left_is_estimated_without_the_first_step(monkeypatch):
     """A first step of 60 s, which compiles, and nine of 2 s."""
-    now = iter([60.0, 62.0, 64.0])
+    now = iter(np.repeat([60.0, 62.0, 64.0], 2))  # each for the estimate and for the line
     monkeypatch.setattr(progress.clock, "monotonic", lambda: next(now))
-    shown = []
-    display = progress.Progress(1.0, quiet=True)
-    monkeypatch.setattr(display, "_show", SimpleNamespace(send=lambda what: shown.append(what[0])))
+    stream = io.StringIO()
+    display = progress.Progress(1.0, stream=stream)
     for step in (1, 2, 3):
         display.update(step, step / 10, 4)
+    shown = stream.getvalue().splitlines()
     assert shown[0].endswith("step 1, 4 coupling iterations")
     assert [text.rsplit(", ", 1)[1] for text in shown[1:]] == ["16 s left", "14 s left"]
 

@@ -119,7 +119,8 @@ def test_the_fluid_sticks_to_the_solid_from_the_start():
     start = []
 
     def watcher(coupling):
-        start.append((coupling.fluid.v.copy(), coupling.solid.v.copy(), coupling._on_solid[:, 0]))
+        interface = coupling.to_solid(np.ones_like(coupling.fluid.force)).any(axis=1)
+        start.append((coupling.fluid.v.copy(), coupling.solid.v.copy(), interface))
         return lambda clock, coupling, energy: None
 
     attempt(channel("robin_robin", initial=initial, time={"step": 1e-3, "end": 1e-3}), watcher)

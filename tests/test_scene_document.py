@@ -150,7 +150,7 @@ def test_every_key_is_documented_with_its_type_and_default(heading):
 
 
 def test_the_document_of_the_laws_is_that_of_the_registries():
-    """Written by scripts/write_docs.py."""
+    """Written by scripts/run docs registered."""
     expected = {
         "laws.md": laws_document(ELASTIC, PERMEABILITY),
         "surface_conditions.md": conditions_document(CONDITIONS),

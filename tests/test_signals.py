@@ -10,9 +10,9 @@ import sys
 import threading
 import time
 
-import fuzz_signals
 import pytest
-from fuzz_signals import Moment
+from fuzz import signals as fuzzing
+from fuzz.signals import Moment
 from launching import ranks_of
 from running import (
     Job,
@@ -308,15 +308,14 @@ def test_long_commands_end_with_a_sentence(tmp_path, words):
     assert code == 4 and err.startswith("error: stopped by signal SIGINT") and err.count("\n") == 1
 
 
-# -- a sample of scripts/fuzz_signals.py -----------------------------------------------------------
+# -- a sample of scripts/run fuzz signals ----------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """Histories of runs that nobody disturbs, by the number of ranks."""
     return {
-        ranks: fuzz_signals.undisturbed(tmp_path_factory.mktemp(f"on{ranks}"), ranks)
-        for ranks in (1, 2)
+        ranks: fuzzing.undisturbed(tmp_path_factory.mktemp(f"on{ranks}"), ranks) for ranks in (1, 2)
     }
 
 
@@ -331,5 +330,5 @@ def undisturbed(tmp_path_factory):
     ids=str,
 )
 def test_what_a_signal_leaves_is_continued_to_the_same_history(tmp_path, undisturbed, moment):
-    code, wrong = fuzz_signals.try_moment(moment, tmp_path / "run", undisturbed[moment.ranks])
+    code, wrong = fuzzing.try_moment(moment, tmp_path / "run", undisturbed[moment.ranks])
     assert not wrong and code != 0

@@ -4,10 +4,11 @@ factorizations, on any ranks.
 
 import numpy as np
 import pytest
-from bench_fluid_solver import OBSTACLE_SOLVER, TO_FIVE_DIGITS, Channel, count, solve
+from bench.fluid_solver import OBSTACLE_SOLVER, TO_FIVE_DIGITS, Channel, count, solve
 from running import SCENES, Job, run_here
 
 from porofsi_petsc.linalg import options
+from porofsi_petsc.phases.pressure_operators import PressureOperators
 
 # Coarse and fine mesh.
 MESHES = {"T3": (8, 24), "T6": (4, 12), "T4": (4, 7), "T10": (2, 3)}
@@ -84,11 +85,22 @@ def test_gamg_takes_the_place_of_hypre(monkeypatch):
     assert count(Channel("T6", 8, courant=5.0, diffusion=10.0))[2] <= 40
 
 
-def test_pressure_operators_are_made_only_where_the_solver_has_a_place_for_them():
+def test_pressure_operators_are_made_only_where_the_solver_has_a_place_for_them(monkeypatch):
     lu = "-fluid_ksp_type preonly -fluid_pc_type lu"
     case = Channel("T3", 4, courant=1.0, diffusion=1.0)
-    assert solve(case).fluid._pressure is not None
-    assert solve(case, petsc=lu).fluid._pressure is None
+    assemble = PressureOperators.assemble
+    made = []
+
+    def counted(operators, *arguments):
+        made.append(operators)
+        assemble(operators, *arguments)
+
+    monkeypatch.setattr(PressureOperators, "assemble", counted)
+    solve(case)
+    assert made
+    made.clear()
+    solve(case, petsc=lu)
+    assert not made
 
 
 def test_a_steady_flow_is_solved_no_further_than_newton_leads():

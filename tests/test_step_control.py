@@ -112,21 +112,19 @@ def test_cuts_end_where_the_time_has_no_digits_left():
     scene = load_scene(
         "terzaghi", ("coupling.on_failure='cut_step'", "coupling.max_cuts=30", "expect=[]")
     )
-    loop = TimeLoop.__new__(TimeLoop)
-    loop._scene = scene
-    loop.clock = Clock(scene.time)
-    loop.auto = None
-    loop.clock.t = 10.0
-    loop.clock.nominal = 1e-6
     sizes = []
-    loop.clock.end = 10.0 + 1e-6
-    loop._coupling = SimpleNamespace(reset=lambda: None, tried=("step",))
 
-    def fail(dt, target):
-        sizes.append(dt)
+    def fail(schemes, rates, t, step):
+        sizes.append(schemes[1].dt)
         raise ConvergenceError("never")
 
-    loop._advance = fail
+    coupling = SimpleNamespace(
+        step=fail, reset=lambda: None, remedies=(), tried=("step",), load_factor=None
+    )
+    loop = TimeLoop(scene, coupling, energy=None, measures=None)
+    loop.clock.t = 10.0
+    loop.clock.nominal = 1e-6
+    loop.clock.end = 10.0 + 1e-6
     with pytest.raises(ConvergenceError, match="never"):
         loop.step()
     assert len(sizes) == 17  # 1e-6/2^16 is 1.5e-11, half of it is below

@@ -98,13 +98,19 @@ def test_a_mesh_file_is_refused():
         work_precision.base_scene("pulse2d_gmsh", ())
 
 
-def test_samples_are_linear_between_steps():
+def test_samples_are_linear_between_steps(monkeypatch):
+    def state(t):
+        return SimpleNamespace(
+            solid=SimpleNamespace(mesh=None, u=np.array([[t, 0.0]])),
+            fluid=SimpleNamespace(p=np.array([2 * t])),
+        )
+
+    monkeypatch.setattr(samples, "Probes", lambda *_: SimpleNamespace(evaluate=lambda rows: rows))
     times = [0.25, 0.5, 1.0]
     run = samples.Samples(np.zeros((1, 2)), times)
-    run._at_points = lambda coupling: np.array([[coupling, 0.0, 2 * coupling]])
-    run._before = 0.0, run._at_points(0.0)
+    look = run.begin(state(0.0))
     for t in (0.2, 0.6, 1.0):
-        run._look(SimpleNamespace(t=t), t, None)
+        look(SimpleNamespace(t=t), state(t), None)
     assert np.allclose(np.array(run.values)[:, 0, 0], times, rtol=1e-14)
 
 

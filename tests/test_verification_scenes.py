@@ -2,26 +2,22 @@
 errors over the mesh.
 """
 
-import sys
-
 import numpy as np
 import pytest
-from running import ROOT, Job, history, run_here, summary
+from running import Job, history, run_here, summary
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.config.tables import table
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.exact import Cryer, Mandel, Seabed, StripFooting, UnconfinedCylinder
 from porofsi_petsc.mesh.write import write_mesh
-from porofsi_petsc.simulation.reference import _Soil
+from porofsi_petsc.simulation.reference import Soil
 from porofsi_petsc.studies.bodies import sector
-
-sys.path.insert(0, str(ROOT / "scripts"))
 
 
 def soil(scene):
     """Return λ, μ and c_v of a scene's material."""
-    found = _Soil.of(scene)
+    found = Soil.of(scene)
     return found.lam, found.mu, found.diffusivity
 
 

@@ -1,9 +1,13 @@
 """Integrals on the facets of a rank: interfaces, surfaces where a field vanishes weakly."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..elements import Element
 from ..kernels.surface import (
     facet_normal,
     pressure_load,
@@ -12,6 +16,8 @@ from ..kernels.surface import (
 )
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 from ..tensors import inverse
+from .distribute import LocalMesh
+from .domain import Domain
 from .geometry import Rule
 
 # Penalty of Nitsche's method over the bound of the trace inequality, `Element.trace_constant`: on a
@@ -22,7 +28,7 @@ from .geometry import Rule
 PENALTY = 1.2
 
 
-def weak_zero_on(domain, tags):
+def weak_zero_on(domain: Domain, tags: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (F,) of elements of the domain and `kernels.surface.weak_zero` (F, A, A) on the
     facets of the tags.
 
@@ -46,7 +52,9 @@ def weak_zero_on(domain, tags):
     return rows, terms
 
 
-def trace(element, nodes, coordinates):
+def trace(
+    element: Element, nodes: Sequence[int], coordinates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return N (Q, A), G (F, Q, A, d) and normals times dA (F, Q, d) of elements on the facet with
     the given local nodes.
 
@@ -75,7 +83,7 @@ class InterfaceMass:
     area: float
 
     @classmethod
-    def between(cls, domain, other, tags=()):
+    def between(cls, domain: Domain, other: Domain, tags: Iterable[str] = ()) -> InterfaceMass:
         """Return that of a `Domain` with another one on the same mesh, in the reference
         configuration (collective).
 
@@ -85,7 +93,7 @@ class InterfaceMass:
         terms, areas = facet_masses(domain, rows, local)
         return cls(rows, terms, domain.mesh.comm.allreduce(float(areas[domain.owned[rows]].sum())))
 
-    def add_to(self, values, alpha, chunk, dim):
+    def add_to(self, values: np.ndarray, alpha: float, chunk: slice, dim: int) -> None:
         """Add α times the terms to the components i < dim of the tangents (E, A, m, A, m) of a
         slice of the elements.
         """
@@ -95,7 +103,7 @@ class InterfaceMass:
                 values[:, :, i, :, i], self.rows[here] - chunk.start, alpha * self.terms[here]
             )
 
-    def times(self, domain, field):
+    def times(self, domain: Domain, field: np.ndarray) -> np.ndarray:
         """Return ∮ N_a field dA on the owned nodes, (n_owned, d), of nodal values (n_local, d)."""
         vectors = np.zeros((*domain.cells.shape, field.shape[1]))
         np.add.at(vectors, self.rows, self.terms @ field[domain.cells[self.rows]])
@@ -111,7 +119,7 @@ class InterfacePressure:
     buckle a slender one.
     """
 
-    def __init__(self, domain, other, tags=()):
+    def __init__(self, domain: Domain, other: Domain, tags: Iterable[str] = ()) -> None:
         """Prepare the facets of a `Domain` of the fluid, as `InterfaceMass.between` takes them."""
         self._mesh = domain.mesh
         element = domain.element
@@ -126,7 +134,7 @@ class InterfacePressure:
         x = (self._mesh.X + displacement)[self._nodes]
         return facet_normal(self._rule.dN, self._rule.weights, x)
 
-    def turned(self, p, displacement):
+    def turned(self, p: np.ndarray, displacement: np.ndarray) -> np.ndarray:
         """Return ∮ N_a p (n da - n dA) on the owned nodes, (n_owned, d) [N], n out of the fluid.
 
         p (n_local,) [Pa]; displacement (n_local, d) [m]
@@ -141,7 +149,9 @@ class InterfacePressure:
         return forces[: self._mesh.n_owned]
 
 
-def interface_facets(domain, other, tags=()):
+def interface_facets(
+    domain: Domain, other: Domain, tags: Iterable[str] = ()
+) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and local numbers, (F,) each, of the facets that a `Domain` shares with another
     one on the same mesh.
 
@@ -160,7 +170,7 @@ def interface_facets(domain, other, tags=()):
     return rows, np.concatenate([local[shared], *(tagged.local for tagged in more)])
 
 
-def open_facets(domain, held):
+def open_facets(domain: Domain, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and local numbers, (F,) each, of the facets around a `Domain` through which it
     may flow.
 
@@ -177,7 +187,9 @@ def open_facets(domain, held):
     return rows[is_open], local[is_open]
 
 
-def facet_masses(domain, rows, local):
+def facet_masses(
+    domain: Domain, rows: np.ndarray, local: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return ∮ N_a N_b dA, (F, A, A), and the areas (F,) of facets of a `Domain` in the reference
     configuration.
 
@@ -197,13 +209,13 @@ def facet_masses(domain, rows, local):
     return terms, areas
 
 
-def facet_areas(element, coordinates):
+def facet_areas(element: Element, coordinates: np.ndarray) -> np.ndarray:
     """Return the areas of facets with nodes at coordinates (F, Af, d), (F,) [m^(d-1)]."""
     rule = Rule.of(element.facet, 2 * element.order)
     return np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1).sum(axis=1)
 
 
-def has_facets(domain, tags):
+def has_facets(domain: Domain, tags: Iterable[str]) -> bool:
     """Return whether an element of a `Domain` on some rank has a facet with one of the tags
     (collective).
     """
@@ -214,7 +226,7 @@ def has_facets(domain, tags):
     return any(domain.mesh.comm.allgather(mine))
 
 
-def tags_of(mesh, row_of_cell):
+def tags_of(mesh: LocalMesh, row_of_cell: np.ndarray) -> set[str]:
     """Return the set of tags of a `LocalMesh` with a facet on a cell whose row, (cells,), is not
     negative (collective).
     """
@@ -222,7 +234,7 @@ def tags_of(mesh, row_of_cell):
     return set().union(*mesh.comm.allgather(mine))
 
 
-def facet_normals(mesh, nodes):
+def facet_normals(mesh: LocalMesh, nodes: np.ndarray) -> np.ndarray:
     """Return the outward unit normals of facets, nodes (F, Af), at their centroid, (F, d),
     reference configuration.
     """

@@ -3,6 +3,7 @@ solves the equations.
 """
 
 from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,9 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import IncompatibleData
 from ..kernels.surface import facet_normal
+from .distribute import LocalMesh
 from .domain import Domain
+from .essential import Dirichlet, Essential, Formula
 from .geometry import Rule
 
 # Largest |∫ ∂_i N_a dV| of a free component i over ∫ |∂_i N_a| dV: a mesh file may have six digits.
@@ -34,7 +37,14 @@ class ClosedPart:
     pin : owned node with the smallest number of the mesh file, None where another rank owns it
     """
 
-    def __init__(self, domain, nodes, velocity, entries, where):
+    def __init__(
+        self,
+        domain: Domain,
+        nodes: np.ndarray,
+        velocity: Dirichlet,
+        entries: Iterable[Essential],
+        where: str,
+    ) -> None:
         """Take a `Domain`, the nodes of the part, the `Dirichlet` of the velocity, its
         `Essential`s, the scene (collective).
         """
@@ -56,15 +66,15 @@ class ClosedPart:
         smallest = min(number for number in everywhere if number is not None)
         return first if everywhere[self._comm.rank] == smallest else None
 
-    def has(self, rows):
+    def has(self, rows: slice | np.ndarray) -> np.ndarray:
         """Return whether elements of the domain are in the part, (E,) bool."""
         return self._rows[rows]
 
-    def mean(self, nodal):
+    def mean(self, nodal: np.ndarray) -> float:
         """Return the mean over the part of nodal values (n_local,) or (n_owned,) (collective)."""
         return self._comm.allreduce(float(self.weight @ nodal[: len(self.weight)]))
 
-    def net(self, terms):
+    def net(self, terms: Sequence[np.ndarray]) -> float:
         """Return the net flux out of the part [m^d/s] from the terms (n_owned, 1) of its volume
         residuals (collective).
 
@@ -78,14 +88,14 @@ class ClosedPart:
             self._require(net, self._bound + ROUND_OFF * size, self._end)
         return net
 
-    def require_balanced_data(self, t):
+    def require_balanced_data(self, t: float) -> None:
         """Raise IncompatibleData where the formulas of the velocity have a net flux at a time, in
         the reference (collective).
         """
         found = self._data.flux(t)
         self._require(found.net, found.missed + ROUND_OFF * found.size, t)
 
-    def begin_step(self, t, end):
+    def begin_step(self, t: float, end: float) -> None:
         """Find what may pass for a net flux in a step between two times: the error of interpolation
         and in time (collective).
         """
@@ -130,12 +140,14 @@ class _BoundaryData:
     formulas.
     """
 
-    def __init__(self, mesh, nodes, velocity, entries):
+    def __init__(
+        self, mesh: LocalMesh, nodes: np.ndarray, velocity: Dirichlet, entries: Iterable[Essential]
+    ) -> None:
         """Prepare the quadrature on the facets of every tag; see `ClosedPart`."""
         self._mesh = mesh
         self._velocity = velocity
         self._rule = Rule.of(mesh.element.facet, 2 * mesh.element.order + 3)
-        expressions = defaultdict(dict)
+        expressions: dict[str, dict[int, Formula]] = defaultdict(dict)
         for tag, component, expression, *_ in entries:
             expressions[tag][component] = expression
         self._surfaces = []
@@ -146,15 +158,16 @@ class _BoundaryData:
                 (mine, facet_normal(self._rule.dN, self._rule.weights, mesh.X[mine]), of_tag)
             )
 
-    def flux(self, t):
+    def flux(self, t: float) -> DataFlux:
         """Return the `DataFlux` of a time (collective)."""
         nodal = np.zeros((self._mesh.n_local, self._mesh.dim))
         self._velocity.apply(nodal, t)
-        sums = sum(self._surface(*surface, nodal, t) for surface in self._surfaces)
+        sums = sum(self._surface(surface, nodal, t) for surface in self._surfaces)
         return DataFlux(*self._mesh.comm.allreduce(np.asarray(sums, dtype=float)).tolist())
 
-    def _surface(self, nodes, normal, expressions, nodal, t):
+    def _surface(self, surface, nodal, t):
         """Return the shares of one surface in a `DataFlux`, (4,)."""
+        nodes, normal, expressions = surface
         X = self._mesh.X[nodes]
         N = self._rule.N
 

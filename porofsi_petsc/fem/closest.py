@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..elements import Element
 from ..tensors import inverse
 
 ROUND_OFF = 1e-12  # of reference coordinates
@@ -15,7 +16,9 @@ CHUNK = 5000  # points at a time, whose candidates stay in memory
 OUTER = 2.0  # reference coordinates beyond which an iterate has left the facet for good
 
 
-def closest_points(cell_element, X, points):
+def closest_points(
+    cell_element: Element, X: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return facet (N,), shape functions there (N, Af) and distance (N,) [m] of the closest point
     of a surface to each point.
 
@@ -33,7 +36,7 @@ def closest_points(cell_element, X, points):
     return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
 
 
-def facet_sizes(X):
+def facet_sizes(X: np.ndarray) -> np.ndarray:
     """Return the diameters of the spheres about the centroids of facets, (F,) [m], of their nodes
     (F, Af, d).
     """
@@ -86,9 +89,9 @@ def _stationary(element, X, x, part, origin, directions):
             xi = origin + s @ directions
             slope = np.swapaxes(X, 1, 2) @ (element.gradient(xi) @ directions.T)
             gap = x - _at(element.shape(xi), X)
-            pull = (np.swapaxes(slope, 1, 2) @ gap[..., None])[..., 0]
+            descent = (np.swapaxes(slope, 1, 2) @ gap[..., None])[..., 0]
             before = s
-            s = (s + _solve(np.swapaxes(slope, 1, 2) @ slope, pull)).clip(-OUTER, OUTER)
+            s = (s + _solve(np.swapaxes(slope, 1, 2) @ slope, descent)).clip(-OUTER, OUTER)
             if np.abs(s - before).max(initial=0.0) <= ROUND_OFF:
                 break
     return origin + s @ directions, part.contains(s, ROUND_OFF)

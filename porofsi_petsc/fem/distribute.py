@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..elements import ELEMENTS, Element
+from ..mesh import Mesh
 from ..mesh.topology import locate_facets
 from .halo import Halo
 from .natural_order import NaturalOrder
@@ -64,17 +65,17 @@ class LocalMesh:
     hash: str
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Return the space dimension."""
         return self.element.dim
 
     @property
-    def n_local(self):
+    def n_local(self) -> int:
         """Return the number of owned and ghost nodes."""
         return len(self.natural)
 
 
-def distribute(comm, mesh, owner):
+def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None) -> LocalMesh:
     """Return the LocalMesh of every rank; collective.
 
     mesh : mesh.Mesh, owner : (N,) rank of every node; both on rank 0 and ignored elsewhere.

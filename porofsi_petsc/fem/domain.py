@@ -2,6 +2,9 @@
 cache.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +13,7 @@ from mpi4py import MPI
 
 from ..compiled import plain, specialized
 from ..errors import ConvergenceError
+from .distribute import LocalMesh
 from .geometry import Geometry, Rule, SecondDerivatives, element_size, geometry
 
 # element matrices of one chunk: vectors of a residual stay in the second-level cache, calls are few
@@ -17,6 +21,8 @@ CHUNK_BYTES = 4_000_000
 
 # largest distance of a mid-edge node of a straight edge from its middle, over its length
 STRAIGHT = 1e-6
+
+Failure = Callable[[str], ConvergenceError]  # of what is wrong at a place, given as text
 
 
 class Domain:
@@ -33,7 +39,7 @@ class Domain:
     have rows for all nodes of the mesh; matrices have those of `nodes` only.
     """
 
-    def __init__(self, mesh, regions=None):
+    def __init__(self, mesh: LocalMesh, regions: Collection[str] | None = None) -> None:
         """Group the local elements of a `fem.LocalMesh`; regions : names, None for all
         (collective).
         """
@@ -96,15 +102,15 @@ class Domain:
         self.holds = self.numbering >= 0
 
     @property
-    def n_cells(self):
+    def n_cells(self) -> int:
         """Return the number of local elements."""
         return len(self.cells)
 
-    def gather(self, field, rows=slice(None)):
+    def gather(self, field: np.ndarray, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         """Return the nodal values of some elements, (E, A, ...), of a field (n_local, ...)."""
         return np.take(field, self.cells[rows], axis=0)
 
-    def scatter_add(self, element_vectors):
+    def scatter_add(self, element_vectors: np.ndarray) -> np.ndarray:
         """Return the sum of element vectors (E, A, k) or (E, A) over the owned nodes, (n_owned,
         k).
         """
@@ -114,7 +120,7 @@ class Domain:
         self.add(nodal, slice(None), element_vectors)
         return nodal
 
-    def add(self, nodal, rows, element_vectors):
+    def add(self, nodal: np.ndarray, rows: slice | np.ndarray, element_vectors: np.ndarray) -> None:
         """Add the vectors (E, A, k) or (E, A) of some elements to a field of the owned nodes,
         (n_owned, k), in place.
         """
@@ -124,7 +130,7 @@ class Domain:
             np.ascontiguousarray(self.cells[rows]), plain(element_vectors).reshape(-1, A, k), nodal
         )
 
-    def chunks(self, doubles_per_cell):
+    def chunks(self, doubles_per_cell: float) -> Iterator[tuple[str, slice]]:
         """Yield (region name, slice): runs of elements of one region whose work arrays stay in
         cache.
         """
@@ -134,12 +140,12 @@ class Domain:
                 yield name, slice(start, min(start + size, span.stop))
 
     @cached_property
-    def reference(self):
+    def reference(self) -> Geometry:
         """Return the mass-rule geometry of the reference configuration."""
         return geometry(self.mass, self.mesh.X[self.cells])
 
     @cached_property
-    def reference_stiffness(self):
+    def reference_stiffness(self) -> Geometry:
         """Return the stiffness-rule geometry of the reference configuration; affine elements have
         one gradient for both rules.
         """
@@ -153,18 +159,18 @@ class Domain:
         )
 
     @cached_property
-    def reference_slope(self):
+    def reference_slope(self) -> np.ndarray:
         """Return the `SecondDerivatives.volume_slope` of the reference configuration, (E, Q, d)."""
         return SecondDerivatives.at(
             self.mass, self.mesh.X[self.cells], self.reference, None
         ).volume_slope
 
     @cached_property
-    def h(self):
+    def h(self) -> np.ndarray:
         """Return the element sizes in the reference configuration, (E,) [m]."""
         return element_size(self.element, self.mass, self.reference)
 
-    def require(self, admissible, failure):
+    def require(self, admissible: np.ndarray, failure: Failure) -> None:
         """Raise an error on all ranks unless the condition, (E, ...) bool, holds in every element
         (collective).
 
@@ -179,7 +185,7 @@ class Domain:
         where = ", ".join(f"{c:.4g}" for c in found)
         raise failure(f"({where}) m of the reference")
 
-    def least_volume_ratio(self, u):
+    def least_volume_ratio(self, u: np.ndarray) -> float:
         """Return the least J of an element under the displacement u (n_local, d), in its mean, 1 at
         most (collective).
         """
@@ -188,7 +194,7 @@ class Domain:
         ) / self.reference.dV.sum(axis=1)
         return self.mesh.comm.allreduce(float(ratio.min(initial=1.0)), MPI.MIN)
 
-    def sum_owned(self, cell_values):
+    def sum_owned(self, cell_values: np.ndarray) -> float:
         """Return the sum over the elements of all ranks of values (E,)."""
         return self.mesh.comm.allreduce(float(cell_values[self.owned].sum()))
 
@@ -210,7 +216,7 @@ def _add_loop(A, k):
     return loop
 
 
-def _inverted(place):
+def _inverted(place: str) -> ConvergenceError:
     """Return the error of an element that is inverted at a place of the reference."""
     return ConvergenceError(f"an element at {place} is inverted", "try a smaller step")
 
@@ -229,7 +235,7 @@ class Configuration:
     second: SecondDerivatives | None
 
     @classmethod
-    def reference(cls, domain, with_hessian=False):
+    def reference(cls, domain: Domain, with_hessian: bool = False) -> Configuration:
         """Return the reference configuration, which shares the geometry of the domain."""
         second = None
         if with_hessian and not domain.element.is_affine:
@@ -240,7 +246,13 @@ class Configuration:
         return cls(domain.reference, np.broadcast_to(1.0, domain.reference.dV.shape), second)
 
     @classmethod
-    def at(cls, domain, positions, with_hessian=False, inverted=_inverted):
+    def at(
+        cls,
+        domain: Domain,
+        positions: np.ndarray,
+        with_hessian: bool = False,
+        inverted: Failure = _inverted,
+    ) -> Configuration:
         """Return the configuration with nodal positions (n_local, d) [m].
 
         Raises the error that `inverted` makes of the place of an inverted element.

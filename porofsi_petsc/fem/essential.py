@@ -2,17 +2,22 @@
 several of them share.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
+from .distribute import LocalMesh
 
 # Of two values on one node, over the largest that their conditions have prescribed at this time or
 # one before: above round-off of formulas and tables, far below any error of discretization.  The
 # values of one time say nothing where both pass zero, as sin(pi*t) and cos(pi*t - pi/2) at t = 1.
 SAME = 1e-9
+
+Formula = Callable[[float, np.ndarray], np.ndarray]  # (t, x (n, d)) -> values (n,)
 
 
 class Essential(NamedTuple):
@@ -23,7 +28,7 @@ class Essential(NamedTuple):
 
     tag: str
     component: int
-    expression: object
+    expression: Formula
     precedence: float = 0.0
     name: str = ""
 
@@ -35,7 +40,7 @@ class Prescribed:
     given: Essential
     nodes: np.ndarray
 
-    def values(self, mesh, t):
+    def values(self, mesh: LocalMesh, t: float) -> np.ndarray:
         """Return the values at time t, (n,)."""
         return self.given.expression(t, mesh.X[self.nodes])
 
@@ -48,7 +53,14 @@ class Dirichlet:
     checked at given times and whenever they are applied.
     """
 
-    def __init__(self, mesh, components, given, times=(), where="scene"):
+    def __init__(
+        self,
+        mesh: LocalMesh,
+        components: int,
+        given: Iterable[tuple],
+        times: Iterable[float] = (),
+        where: Path | str = "scene",
+    ) -> None:
         """Collect the conditions, tuples as `Essential` takes them (collective).
 
         times : at which values on common nodes are compared now; where : file of the scene, for
@@ -56,12 +68,12 @@ class Dirichlet:
         """
         self._mesh = mesh
         self._where = where
-        given = sorted(
+        entries = sorted(
             (Essential(*entry) for entry in given), key=lambda entry: (entry.tag, entry.component)
         )
         self.conditions = [
             Prescribed(entry, nodes)
-            for entry, nodes in zip(given, _held(mesh, components, given), strict=True)
+            for entry, nodes in zip(entries, _held(mesh, components, entries), strict=True)
         ]
         self.mask = np.zeros((mesh.n_local, components), dtype=np.uint8)
         for condition in self.conditions:
@@ -82,7 +94,7 @@ class Dirichlet:
         for t, values in looked_at:
             self._require_one_value(t, values)
 
-    def apply(self, field, t):
+    def apply(self, field: np.ndarray, t: float) -> None:
         """Overwrite the prescribed entries of a field (n_local, k) by their values at time t,
         ghosts included (collective).
 
@@ -95,7 +107,7 @@ class Dirichlet:
             field[condition.nodes, condition.given.component] = found
         self._mesh.halo.update(field)
 
-    def free(self, owned):
+    def free(self, owned: np.ndarray) -> np.ndarray:
         """Return a copy of (n_owned, k) with the prescribed entries set to zero."""
         return np.where(self.mask[: self._mesh.n_owned], 0.0, owned)
 
@@ -171,7 +183,7 @@ def _shared(comm, conditions):
     return [pair for pair, count in zip(pairs, counts, strict=True) if count]
 
 
-def first_node(mesh, found):
+def first_node(mesh: LocalMesh, found: Iterable[tuple]) -> tuple | None:
     """Return the place as text and the rest of the record of the first node in the order of the
     mesh file, or None (collective).
 
@@ -190,7 +202,7 @@ def _equal(one, other):
     return one is other or getattr(one, "source", one) == getattr(other, "source", other)
 
 
-def owned_nodes(mesh, tag):
+def owned_nodes(mesh: LocalMesh, tag: str) -> np.ndarray:
     """Return the owned nodes that lie on a tagged surface, sorted."""
     nodes = np.unique(mesh.facets[tag].nodes)
     return nodes[nodes < mesh.n_owned]

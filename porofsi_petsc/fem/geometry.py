@@ -1,5 +1,7 @@
 """Shape gradients and quadrature weights of elements in physical space."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,7 +9,7 @@ import numpy as np
 
 from ..compiled import plain, specialized, stack
 from ..elements import Element
-from ..elements.element import moments
+from ..elements.element import Cell, moments
 from ..tensors import invert
 
 
@@ -26,12 +28,12 @@ class Rule:
     weights: np.ndarray
 
     @classmethod
-    def of(cls, element, degree):
+    def of(cls, element: Element, degree: int) -> Rule:
         """Return the rule of the degree on the element."""
         return cls.at(element, *element.cell.quadrature(degree))
 
     @classmethod
-    def at(cls, element, points, weights):
+    def at(cls, element: Element, points: np.ndarray, weights: np.ndarray) -> Rule:
         """Return the rule with points (Q, d) and weights (Q,)."""
         gradient_points = points[:1] if element.is_affine else points
         return cls(
@@ -39,7 +41,7 @@ class Rule:
         )
 
     @cached_property
-    def hessian(self):
+    def hessian(self) -> np.ndarray:
         """Return d²N/dxi², (Q', A, d, d), at the points; Q' = 1 where it is constant."""
         return self.element.hessian(self.points)
 
@@ -53,12 +55,12 @@ class Geometry:
     G: np.ndarray
     dV: np.ndarray
 
-    def part(self, chunk):
+    def part(self, chunk: slice) -> Geometry:
         """Return the geometry of a slice of the elements."""
         return Geometry(self.G[chunk], self.dV[chunk])
 
 
-def geometry(rule, coordinates):
+def geometry(rule: Rule, coordinates: np.ndarray) -> Geometry:
     """Return the geometry of elements with nodal coordinates (E, A, d); dV <= 0 tells an inverted
     element.
     """
@@ -114,30 +116,39 @@ class SecondDerivatives:
     reference_slope: np.ndarray | None
 
     @classmethod
-    def at(cls, rule, coordinates, geometry_of_elements, reference_slope):
+    def at(
+        cls,
+        rule: Rule,
+        coordinates: np.ndarray,
+        geometry_of_elements: Geometry,
+        reference_slope: np.ndarray | None,
+    ) -> SecondDerivatives:
         """Return those at the points of a rule, of elements with nodal coordinates (E, A, d);
         without a reference slope there is no `volume_gradient`.
         """
         return cls(rule, geometry_of_elements.G, _by_reference(rule, coordinates), reference_slope)
 
-    def part(self, chunk):
+    def part(self, chunk: slice) -> SecondDerivatives:
         """Return those of a slice of the elements."""
         return SecondDerivatives(
-            self.rule, self.G[chunk], self.bend[chunk], self.reference_slope[chunk]
+            self.rule,
+            self.G[chunk],
+            self.bend[chunk],
+            None if self.reference_slope is None else self.reference_slope[chunk],
         )
 
     @cached_property
-    def shapes(self):
+    def shapes(self) -> np.ndarray:
         """Return d²N_a/dx_i dx_j, (E, Q, A, d, d) [1/m²]."""
         return self._to_space(_flat(self.rule.hessian), self.G)
 
-    def field(self, U, gradient):
+    def field(self, U: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Return d²U_k/dx_i dx_j, (E, Q, k, d, d), of nodal values U (E, A, k) with dU_k/dx_j (E,
         Q, k, d).
         """
         return self._to_space(_by_reference(self.rule, U), gradient)
 
-    def viscous(self, U, gradient):
+    def viscous(self, U: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Return ΔU + ∇ div U, (E, Q, d), of nodal values U (E, A, d) with dU_k/dx_j (E, Q, d, d):
         `field` contracted early.
         """
@@ -173,7 +184,7 @@ class SecondDerivatives:
         return self.rule.element.node_coordinates.T @ self.G
 
     @property
-    def volume_slope(self):
+    def volume_slope(self) -> np.ndarray:
         """Return d ln|dx/dxi| / dxi_m = dxi_n/dx_k d²x_k/dxi_n dxi_m, (E, Q, d)."""
         E, Q, _, d = self.G.shape
         bend = np.swapaxes(self.bend.reshape(E, -1, d, d, d), 2, 3).reshape(E, -1, d * d, d)
@@ -181,7 +192,7 @@ class SecondDerivatives:
         return pull @ bend[:, 0] if bend.shape[1] == 1 else (pull[:, :, None] @ bend)[:, :, 0]
 
     @property
-    def volume_gradient(self):
+    def volume_gradient(self) -> np.ndarray:
         """Return ∇ ln J, (E, Q, d) [1/m], J the volume ratio to the reference configuration."""
         return np.einsum("eqmi,eqm->eqi", self._pull, self.volume_slope - self.reference_slope)
 
@@ -196,7 +207,7 @@ def _flat(hessian):
     return hessian.reshape(*hessian.shape[:2], -1)
 
 
-def element_size(element, rule, geometry_of_elements):
+def element_size(element: Element, rule: Rule, geometry_of_elements: Geometry) -> np.ndarray:
     """Return h = (V/V_0)^(1/d) / order, (E,) [m], V_0 the volume of the reference cell: the leg of
     a right-angled simplex, or the edge of a cube, of the same volume, per node spacing.
     """
@@ -206,7 +217,7 @@ def element_size(element, rule, geometry_of_elements):
     return (element.cell.count_in_cube * volume) ** (1 / element.dim) / element.order
 
 
-def element_size_tensor(vertices, h):
+def element_size_tensor(vertices: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Return the tensor of the second moments of the vertices, scaled to det = h^(2 d), (E, d, d)
     [m²].
 
@@ -219,7 +230,7 @@ def element_size_tensor(vertices, h):
     return M * (h**2 / np.linalg.det(M) ** (1 / vertices.shape[-1]))[:, None, None]
 
 
-def shape_quality(cell, vertices):
+def shape_quality(cell: Cell, vertices: np.ndarray) -> np.ndarray:
     """Return the least d det(M)^(1/d) / tr M of the `Cell.shape_tensors` M of elements, (E,).
 
     The mean ratio d det(A)^(2/d) / A:A of the map A of an equilateral cell (Knupp, SIAM J. Sci.

@@ -11,7 +11,9 @@ class Halo:
     sends.
     """
 
-    def __init__(self, comm, n_owned, ghosts, first):
+    def __init__(
+        self, comm: MPI.Intracomm, n_owned: int, ghosts: np.ndarray, first: np.ndarray
+    ) -> None:
         """Exchange the lists of neighbours; collective.
 
         ghosts : (G,) ascending PETSc node numbers of the ghost rows.  first : (size + 1,) first
@@ -34,7 +36,7 @@ class Halo:
             (r, slice(limits[r], limits[r + 1])) for r in np.flatnonzero(received).tolist()
         ]
 
-    def extend(self, owned):
+    def extend(self, owned: np.ndarray) -> np.ndarray:
         """Return a field (n_local, ...) with ghosts from its owned rows (n_owned, ...);
         collective.
         """
@@ -43,7 +45,7 @@ class Halo:
         self.update(field)
         return field
 
-    def update(self, array):
+    def update(self, array: np.ndarray) -> None:
         """Overwrite the ghost rows of an array (n_local, ...) of any dtype by the owners' values,
         in place; collective.
         """

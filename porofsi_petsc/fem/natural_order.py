@@ -13,7 +13,7 @@ class NaturalOrder:
     bounds : (size + 1,) int64, slabs of equal size up to one row.
     """
 
-    def __init__(self, comm, natural, n_global):
+    def __init__(self, comm: MPI.Intracomm, natural: np.ndarray, n_global: int) -> None:
         """Exchange the row lists; collective.  natural : (n_owned,) ascending natural numbers of
         the owned nodes.
         """
@@ -29,7 +29,7 @@ class NaturalOrder:
         )
         self._rows = numbers - self.bounds[comm.rank]
 
-    def to_slab(self, owned):
+    def to_slab(self, owned: np.ndarray) -> np.ndarray:
         """Return this rank's slab, (bounds[r + 1] - bounds[r], ...), from the owned rows, (n_owned,
         ...); collective.
         """
@@ -38,7 +38,7 @@ class NaturalOrder:
         slab[self._rows] = arrived
         return slab
 
-    def from_slab(self, slab):
+    def from_slab(self, slab: np.ndarray) -> np.ndarray:
         """Return the owned rows, (n_owned, ...), from this rank's slab, (bounds[r + 1] - bounds[r],
         ...); collective.
         """

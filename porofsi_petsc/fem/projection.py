@@ -7,6 +7,7 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
+from ..elements import Element
 from ..kernels.surface import facet_normal
 from ..mesh.topology import cell_facets, group_rows
 from .closest import closest_points, facet_sizes
@@ -33,7 +34,12 @@ class SurfaceProjection:
     represent.
     """
 
-    def __init__(self, cell_element, facets, X):
+    def __init__(
+        self,
+        cell_element: Element,
+        facets: tuple[np.ndarray, np.ndarray],
+        X: tuple[np.ndarray, np.ndarray],
+    ) -> None:
         """Take target and source: facets, (F, Af) positions of their nodes, and coordinates (F, Af,
         d) [m].
         """
@@ -83,14 +89,14 @@ class SurfaceProjection:
         weighted = test[:, :n].T @ scipy.sparse.diags(np.linalg.norm(dA, axis=-1).ravel())
         return (weighted @ here[:, :n]).tocsr(), (weighted @ there).tocsr()
 
-    def project(self, values):
+    def project(self, values: np.ndarray) -> np.ndarray:
         """Return P w on the target's nodes, (n, k), of values w (n_source, k)."""
         projected = np.empty((self._shape[0], values.shape[1]))
         projected[self._rim] = self._at_rim @ values
         projected[self._inner] = self._solve(self._crossed @ values, "N")
         return projected
 
-    def transposed(self, forces):
+    def transposed(self, forces: np.ndarray) -> np.ndarray:
         """Return Pᵀ F on the source's nodes, (n_source, k), of F (n, k)."""
         return self._at_rim.T @ forces[self._rim] + self._crossed.T @ self._solve(
             forces[self._inner], "T"

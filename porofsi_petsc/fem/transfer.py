@@ -2,12 +2,14 @@
 fluid's forces back.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
 from .closest import closest_points, facet_sizes
+from .distribute import LocalMesh
 from .projection import SurfaceProjection
 
 # Distance of a node from the other side over the facet there, at most: curved sides of straight
@@ -42,7 +44,7 @@ class InterfaceTransfer:
     one is in both
     """
 
-    def __init__(self, mesh, shared, pairs):
+    def __init__(self, mesh: LocalMesh, shared: np.ndarray, pairs: Sequence[Pair]) -> None:
         """Make the projections (collective); shared : (n_local,) bool; pairs : `Pair`s, may be
         none.
 
@@ -61,7 +63,7 @@ class InterfaceTransfer:
             self.fluid_nodes[part.fluid.local] = self.solid_nodes[part.solid.local] = True
             self._parts.append(part)
 
-    def to_fluid(self, field):
+    def to_fluid(self, field: np.ndarray) -> np.ndarray:
         """Return a field of the solid (n_local, k) with P times it on the fluid's side of the
         interface (collective).
         """
@@ -70,7 +72,7 @@ class InterfaceTransfer:
             extended[part.fluid.local] = part.to_fluid(part.solid.gather(field))[part.fluid.rows]
         return extended
 
-    def to_solid(self, force):
+    def to_solid(self, force: np.ndarray) -> np.ndarray:
         """Return forces (n_owned, d) [N] of which those on the fluid's side act on the solid's
         nodes, by Pᵀ (collective).
         """

@@ -7,29 +7,29 @@ Quadrature is merged into the contracted axis of one stacked matrix product.
 import numpy as np
 
 
-def broadcast_gradient(G, points):
+def broadcast_gradient(G: np.ndarray, points: int) -> np.ndarray:
     """Return G, (E, Q, A, d), from gradients that may be constant over the element, (E, 1, A,
     d).
     """
     return np.broadcast_to(G, (G.shape[0], points, *G.shape[2:]))
 
 
-def test_value(N, dV, X):
+def test_value(N: np.ndarray, dV: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Return the sum over q of N_a X dV, (E, A, k), for X (E, Q, k)."""
     return N.T @ (X * dV[..., None])
 
 
-def mass_matrix(N, weights):
+def mass_matrix(N: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return the sum over q of N_a w N_b, (E, A, A), for weights (E, Q) that include dV."""
     return N.T @ (weights[..., None] * N)
 
 
-def bilinear(left, right):
+def bilinear(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the sum over q of left_a right_b, (E, A, B), for (E, Q, A) and (E, Q, B)."""
     return np.swapaxes(left, 1, 2) @ right
 
 
-def laplacian(G, weights):
+def laplacian(G: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return the sum over q of dN_a/dx_j w dN_b/dx_j, (E, A, A), for weights (E, Q) that include
     dV.
     """
@@ -41,7 +41,7 @@ def laplacian(G, weights):
     return weighted @ np.swapaxes(flat, 1, 2)
 
 
-def add_isotropic(matrix, block, components):
+def add_isotropic(matrix: np.ndarray, block: np.ndarray, components: int) -> None:
     """Add a scalar block (E, A, B) to the components (i, i) of matrix (E, A, m, B, m) for i <
     components, in place.
     """

@@ -2,11 +2,23 @@
 element.
 """
 
+import numpy as np
+
 from ..compiled import inlined
 
 
 @inlined
-def add_point(A, d, size, N, q, g, D, e, out):
+def add_point(
+    A: int,
+    d: int,
+    size: int,
+    N: np.ndarray,
+    q: int,
+    g: np.ndarray,
+    D: np.ndarray,
+    e: int,
+    out: np.ndarray,
+) -> None:
     """Add N_a D_0z + ∂_j N_a D_jz to out (E, A, >= size) of element e, for N (Q, A), gradients g
     (A, d) and D (1 + d, size).
 

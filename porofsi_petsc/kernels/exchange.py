@@ -8,11 +8,12 @@ velocity of its mesh.
 
 import numpy as np
 
+from .arguments import Geometry
 from .assemble import add_isotropic, bilinear, broadcast_gradient, mass_matrix
-from .flow import flow_points, strong_gradient
+from .flow import FlowElements, FlowFields, flow_points, strong_gradient
 
 
-def flow_by_skeleton(el, f, c_v, moving_mesh):
+def flow_by_skeleton(el: FlowElements, f: FlowFields, c_v: float, moving_mesh: bool) -> np.ndarray:
     """Return the derivative of `flow.flow_residual` by the skeleton's positions through v_s (and
     v_m = v_s where the mesh moves).
 
@@ -40,7 +41,7 @@ def flow_by_skeleton(el, f, c_v, moving_mesh):
     return c_v * K
 
 
-def flow_by_drag(el, f, c_v):
+def flow_by_drag(el: FlowElements, f: FlowFields, c_v: float) -> np.ndarray:
     """Return the derivative of a free fluid's residuals by the positions of a skeleton that it
     flows through, by the drag alone.
 
@@ -58,7 +59,7 @@ def flow_by_drag(el, f, c_v):
     return c_v * K
 
 
-def flow_by_mesh_velocity(el, f, c_m):
+def flow_by_mesh_velocity(el: FlowElements, f: FlowFields, c_m: float) -> np.ndarray:
     """Return the derivative of `flow.flow_residual` by the mesh's positions through v_m alone (c =
     v - v_m), dv_m = c_m dy.
 
@@ -97,7 +98,7 @@ def _add_mesh_velocity(K, el, x, G):
         K[:, :, d, :, j] += bilinear((el.tau * el.n)[..., None] * carried, N)
 
 
-def solid_by_drag(N, geometry, S):
+def solid_by_drag(N: np.ndarray, geometry: Geometry, S: np.ndarray) -> np.ndarray:
     """Return the derivative of the solid's drag by (v_f, p), (E, A, d, A, d + 1) [N s/m]; the
     columns of p are zero.
     """
@@ -109,7 +110,7 @@ def solid_by_drag(N, geometry, S):
     return K
 
 
-def solid_by_flow(N, geometry, n, S):
+def solid_by_flow(N: np.ndarray, geometry: Geometry, n: np.ndarray, S: np.ndarray) -> np.ndarray:
     """Return the derivative of the solid's pressure and drag terms by (v_f, p), (E, A, d, A, d + 1)
     [N s/m and m²].
     """

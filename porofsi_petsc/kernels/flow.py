@@ -42,6 +42,7 @@ import numpy as np
 
 from ..compiled import plain
 from . import flow_loops
+from .arguments import Geometry
 from .assemble import laplacian, mass_matrix
 from .flow_loops import FlowFields
 
@@ -62,7 +63,7 @@ class FlowElements:
     """
 
     N: np.ndarray
-    geometry: Any
+    geometry: Geometry
     n: np.ndarray
     rho: np.ndarray
     S: np.ndarray | None
@@ -92,7 +93,7 @@ class FlowPoints:
     residual: np.ndarray
 
 
-def flow_points(el, f):
+def flow_points(el: FlowElements, f: FlowFields) -> FlowPoints:
     """Return the pointwise quantities of a state."""
     sizes, elements, fields = _arguments(el, f)
     E, Q, d = f.b.shape
@@ -109,7 +110,9 @@ def flow_points(el, f):
     )
 
 
-def flow_residual(el, f, terms=None):
+def flow_residual(
+    el: FlowElements, f: FlowFields, terms: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return momentum terms (T, E, A, d) [N] in the order of MOMENTUM_TERMS and volume terms (T, E,
     A) [m³/s] of VOLUME_TERMS.
 
@@ -124,12 +127,12 @@ def flow_residual(el, f, terms=None):
     return split_terms(terms, d)
 
 
-def term_columns(d):
+def term_columns(d: int) -> int:
     """Return the number of columns of all terms in d dimensions."""
     return len(MOMENTUM_TERMS) * d + len(VOLUME_TERMS)
 
 
-def split_terms(terms, d):
+def split_terms(terms: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:
     """Return views on momentum terms (T, ..., d) and volume terms (T, ...) of terms (...,
     `term_columns`).
     """
@@ -138,7 +141,9 @@ def split_terms(terms, d):
     return np.moveaxis(momentum, -2, 0), np.moveaxis(terms[..., count * d :], -1, 0)
 
 
-def flow_tangent(el, f, c_f, components=None):
+def flow_tangent(
+    el: FlowElements, f: FlowFields, c_f: float, components: int | None = None
+) -> np.ndarray:
     """Return the derivative of `flow_residual` by (v, p) on the collocation level, (E, A, m, A, m),
     m = d + 1.
 
@@ -150,7 +155,8 @@ def flow_tangent(el, f, c_f, components=None):
     E, A, d = fields.v.shape
     m = components or d + 1
     K = np.empty((E, A, m, A, m))
-    flow_loops.tangent_loop(*sizes, m)(elements, fields, float(c_f), K.reshape(E, A, -1))
+    sizes = (*sizes, m)
+    flow_loops.tangent_loop(*sizes)(elements, fields, float(c_f), K.reshape(E, A, -1))
     return K
 
 
@@ -201,12 +207,14 @@ def _in_rows(array):
     return plain(array).reshape(-1, *array.shape[2:])
 
 
-def strong_gradient(el, x):
+def strong_gradient(el: FlowElements, x: FlowPoints) -> np.ndarray:
     """Return ρ ∂v_i/∂x_j, (E, Q, d, d): the derivative of the convective force by c_j."""
     return el.rho[..., None, None] * x.grad_v
 
 
-def add_skeleton_answer(K, el, mass_weight, laplacian_weight):
+def add_skeleton_answer(
+    K: np.ndarray, el: FlowElements, mass_weight: np.ndarray, laplacian_weight: np.ndarray
+) -> None:
     """Add the answer of the skeleton to a pressure change to the tangent K with the auxiliary field
     s after p (or without it).
 
@@ -229,7 +237,9 @@ def add_skeleton_answer(K, el, mass_weight, laplacian_weight):
     K[:, :, s, :, s] += B_m + laplacian(G, laplacian_weight * dV)
 
 
-def add_free_surface(K, laplacian_weight, rows, terms):
+def add_free_surface(
+    K: np.ndarray, laplacian_weight: np.ndarray, rows: np.ndarray, terms: np.ndarray
+) -> None:
     """Add Nitsche's terms of a free impermeable surface to the auxiliary field s, see
     `surface.weak_zero`, in place.
 

@@ -9,6 +9,7 @@ element, and G has one point; even: so are second derivatives by the reference c
 hessian and bend have one.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ class Point(NamedTuple):
 
 
 @expanded
-def new_point(A, d):
+def new_point(A: int, d: int) -> Point:
     """Return the memory of a point."""
     return Point(
         stack((A, d)),
@@ -110,7 +111,9 @@ def new_point(A, d):
 
 
 @inlined
-def set_point(A, d, affine, even, el, f, e, q, x):
+def set_point(
+    A: int, d: int, affine: bool, even: bool, el: Elements, f: FlowFields, e: int, q: int, x: Point
+) -> None:
     """Set the state at point q of element e: r = ρ (a + c·∇v) + n ∇p + S w - ρ b - div(2 n μ sym
     ∇v).
     """
@@ -242,7 +245,7 @@ def _subtract_viscous_force(A, d, even, el, f, e, q, x):
 
 
 @specialized
-def points_loop(A, d, affine, even):
+def points_loop(A: int, d: int, affine: bool, even: bool) -> Callable[..., None]:
     """Return the loop that writes the state at all points."""
 
     def loop(el, f, grad_v, grad_p, acceleration, c, w, residual):
@@ -263,7 +266,7 @@ def points_loop(A, d, affine, even):
 
 
 @specialized
-def residual_loop(A, d, affine, even):
+def residual_loop(A: int, d: int, affine: bool, even: bool) -> Callable[..., None]:
     """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume
     balance one after the other.
     """
@@ -386,7 +389,7 @@ def _add_undrained(A, d, affine, el, f, e, q, x, terms):
 
 
 @specialized
-def tangent_loop(A, d, affine, even, m):
+def tangent_loop(A: int, d: int, affine: bool, even: bool, m: int) -> Callable[..., None]:
     """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of
     the nodes.
     """

@@ -21,9 +21,10 @@ at Re = 80.
 import numpy as np
 
 from .assemble import bilinear, broadcast_gradient, laplacian, mass_matrix
+from .flow import FlowElements, FlowFields
 
 
-def pressure_compliance(el, h):
+def pressure_compliance(el: FlowElements, h: np.ndarray) -> np.ndarray:
     """Return Q = ∫ q p/ν + ∫ τ ∇q·∇p, (E, A, A) [m^(d+1) s/kg]; h (E,) [m] the sizes of the
     elements.
     """
@@ -31,17 +32,17 @@ def pressure_compliance(el, h):
     return mass_matrix(el.N, dV / _viscosity(el, h)) + laplacian(el.geometry.G, el.tau * dV)
 
 
-def pressure_laplacian(el):
+def pressure_laplacian(el: FlowElements) -> np.ndarray:
     """Return L = ∫ 1/ρ ∇q·∇p, (E, A, A) [m^(d+1)/kg]."""
     return laplacian(el.geometry.G, el.geometry.dV / el.rho)
 
 
-def pressure_mass(el):
+def pressure_mass(el: FlowElements) -> np.ndarray:
     """Return ∫ 1/ρ q p, (E, A, A) [m^(d+2)/kg]."""
     return mass_matrix(el.N, el.geometry.dV / el.rho)
 
 
-def pressure_transport(el, f, c_f, h):
+def pressure_transport(el: FlowElements, f: FlowFields, c_f: float, h: np.ndarray) -> np.ndarray:
     """Return T = ∫ c_f/ν q p - ∫ 1/ν p c·∇q, (E, A, A) [m^(d+1)/kg]; h (E,) [m] the sizes of the
     elements.
 

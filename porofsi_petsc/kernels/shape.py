@@ -12,12 +12,15 @@ Nodal values are kept, and so is what is frozen at the start of a step (τ, ν_L
 dependence on v_s is in `exchange`.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 
+from .arguments import Geometry
 from .assemble import bilinear, broadcast_gradient
-from .flow import flow_points
+from .flow import FlowElements, FlowFields, flow_points
 
 
 @dataclass(frozen=True)
@@ -40,14 +43,22 @@ class Densities:
     dB: np.ndarray
 
     @classmethod
-    def zeros(cls, points, k, d):
+    def zeros(cls, points: tuple[int, ...], k: int, d: int) -> Densities:
         """Return densities of k components at points (E, Q)."""
         return cls(
             *(np.zeros((*points, *shape)) for shape in ((k,), (k, d), (k, d, d), (k, d, d, d)))
         )
 
 
-def solid_by_geometry(N, geometry, n, S, derivatives, p, w):
+def solid_by_geometry(
+    N: np.ndarray,
+    geometry: Geometry,
+    n: np.ndarray,
+    S: np.ndarray,
+    derivatives: VolumeDerivatives,
+    p: np.ndarray,
+    w: np.ndarray,
+) -> np.ndarray:
     """Return the derivative of `solid.coupling_residual` by y through the geometry, (E, A, d, A, d)
     [N/m].
 
@@ -66,7 +77,9 @@ def solid_by_geometry(N, geometry, n, S, derivatives, p, w):
     return _assemble(N, geometry, x)
 
 
-def flow_by_geometry(el, f, derivatives):
+def flow_by_geometry(
+    el: FlowElements, f: FlowFields, derivatives: VolumeDerivatives | None
+) -> np.ndarray:
     """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d)
     [N/m and m²/s].
 

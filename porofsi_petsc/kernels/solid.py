@@ -12,13 +12,14 @@ their powers make the energy balance.
 import numpy as np
 
 from ..compiled import plain, specialized, stack
+from .arguments import Geometry, Pores, StrainEnergy, Stress
 from .assemble import add_isotropic, mass_matrix, test_value
 from .contraction import add_point
 
 TERMS = ("stress", "inertia", "pressure", "drag", "body")
 
 
-def displacement_gradient(G0, u):
+def displacement_gradient(G0: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return H_iJ = u_ai dN_a/dX_J = F_iJ - δ_iJ, (E, Q', d, d), for G0 (E, Q', A, d) and u = y - X
     (E, A, d) [m].
 
@@ -46,7 +47,7 @@ def _gradient_loop(A, d):
     return loop
 
 
-def stress_residual(G0, dV0, law, u):
+def stress_residual(G0: np.ndarray, dV0: np.ndarray, law: Stress, u: np.ndarray) -> np.ndarray:
     """Return ∫ ∇_X w : P dV0, (E, A, d) [N], for nodal displacements u = y - X, (E, A, d) [m]."""
     P = law.stress(displacement_gradient(G0, u))
     vectors = np.empty(u.shape)
@@ -54,7 +55,9 @@ def stress_residual(G0, dV0, law, u):
     return vectors
 
 
-def stress_load(N, G0, normal, law, u):
+def stress_load(
+    N: np.ndarray, G0: np.ndarray, normal: np.ndarray, law: Stress, u: np.ndarray
+) -> np.ndarray:
     """Return ∮ N_a P·N dA0, (F, A, d) [N], of the stress in the cells behind facets.
 
     N (Q, A), G0 (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal
@@ -80,7 +83,9 @@ def _stress_loop(A, d):
     return loop
 
 
-def stress_tangent(G0, dV0, law, u, before=None):
+def stress_tangent(
+    G0: np.ndarray, dV0: np.ndarray, law: Stress, u: np.ndarray, before: np.ndarray | None = None
+) -> np.ndarray:
     """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m].
 
     before (E, A, d) : displacement from which the stress of the geometric part is linear, see
@@ -140,7 +145,7 @@ def _volumes(G0, dV0):
     return plain(dV0.sum(axis=1, keepdims=True) if G0.shape[1] == 1 else dV0)
 
 
-def volumetric_compliance(law, H):
+def volumetric_compliance(law: Stress, H: np.ndarray) -> np.ndarray:
     """Return (1/E_c + 1/K_d)/2, (E, Q) [1/Pa], of the present tangent A = dP/dF: what a pressure
     makes of the volume.
 
@@ -160,17 +165,19 @@ def volumetric_compliance(law, H):
     return 0.5 * volume * (d / along + d**2 / dilation)
 
 
-def stored_energy(G0, dV0, law, u):
+def stored_energy(G0: np.ndarray, dV0: np.ndarray, law: StrainEnergy, u: np.ndarray) -> np.ndarray:
     """Return ∫ Psi dV0 of every element, (E,) [J]."""
     return (law.energy(displacement_gradient(G0, u)) * dV0).sum(axis=1)
 
 
-def inertia_residual(N, dV0, rho_s, a):
+def inertia_residual(N: np.ndarray, dV0: np.ndarray, rho_s: float, a: np.ndarray) -> np.ndarray:
     """Return ∫ ρ_s w·a dV0, (E, A, d) [N], for nodal accelerations a (E, A, d)."""
     return test_value(N, dV0, rho_s * (N @ a))
 
 
-def coupling_residual(N, geometry, material, J, p, w):
+def coupling_residual(
+    N: np.ndarray, geometry: Geometry, material: Pores, J: np.ndarray, p: np.ndarray, w: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the pressure term -∫ p div w - ∫ n_f ∇p·w and the drag term -∫ S w_rel·w over the
     current configuration.
 
@@ -218,12 +225,12 @@ def _coupling_loop(A, d, affine):
     return loop
 
 
-def body_residual(N, dV0, rho_s, b):
+def body_residual(N: np.ndarray, dV0: np.ndarray, rho_s: float, b: np.ndarray) -> np.ndarray:
     """Return -∫ ρ_s b·w dV0, (E, A, d) [N], for the acceleration b (E, Q, d) [m/s²]."""
     return test_value(N, dV0, -rho_s * b)
 
 
-def mass_tangent(N, weights, dim):
+def mass_tangent(N: np.ndarray, weights: np.ndarray, dim: int) -> np.ndarray:
     """Return ∫ m w·δ, (E, A, d, A, d), for weights (E, Q) = m dV0."""
     block = mass_matrix(N, weights)
     E, A, _ = block.shape

@@ -7,7 +7,12 @@ import numpy as np
 from ..compiled import specialized
 
 
-def momentum_tau(transient, drag, viscous, convective):
+def momentum_tau(
+    transient: float | np.ndarray,
+    drag: float | np.ndarray,
+    viscous: float | np.ndarray,
+    convective: float | np.ndarray,
+) -> np.ndarray:
     """Return τ = [(2ρ/Δt)² + S² + (4 n μ/h²)² + (ρ Σ_a |c·∇N_a|)²]^(-1/2), (E, Q) [m³ s/kg].
 
     The arguments are the four scales [kg/(m³ s)], arrays or floats; a term left out is 0 (Tezduyar
@@ -16,7 +21,7 @@ def momentum_tau(transient, drag, viscous, convective):
     return 1 / np.sqrt(transient**2 + drag**2 + viscous**2 + convective**2)
 
 
-def convective_scale(N, G, rho, c):
+def convective_scale(N: np.ndarray, G: np.ndarray, rho: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Return ρ Σ_a |c·∇N_a| = 2 ρ |c|/h_c, (E, Q) [kg/(m³ s)], h_c the element length along c (E,
     A, d nodal).
     """
@@ -24,7 +29,7 @@ def convective_scale(N, G, rho, c):
     return rho * np.abs(advected[..., 0]).sum(axis=-1)
 
 
-def lsic_viscosity(N, rho, c, h):
+def lsic_viscosity(N: np.ndarray, rho: np.ndarray, c: np.ndarray, h: np.ndarray) -> np.ndarray:
     """Return ν_L = ρ |c| h/2, (E, Q) [Pa s]."""
     return rho * np.linalg.norm(N @ c, axis=-1) * h[:, None] / 2
 
@@ -36,7 +41,7 @@ def lsic_viscosity(N, rho, c, h):
 STATIC_PART = 0.3
 
 
-def grid_compliance(E_c, size, inertia):
+def grid_compliance(E_c: float, size: np.ndarray, inertia: float) -> np.ndarray:
     """Return Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, d, d) [m⁴/N]; times α²
     it is τ_u.
 
@@ -49,7 +54,7 @@ def grid_compliance(E_c, size, inertia):
     return (e * compliance[:, None, :]) @ np.swapaxes(e, 1, 2)
 
 
-def undrained_tau(compliance, moved):
+def undrained_tau(compliance: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return τ_u = α² times the compliance (E, d, d) of `grid_compliance` at the points, (E, Q, d,
     d); moved = α (E, Q).
     """

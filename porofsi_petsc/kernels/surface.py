@@ -15,7 +15,7 @@ _TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 _PERMUTATION = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(2, 0, 1)
 
 
-def facet_normal(dN, weights, coordinates):
+def facet_normal(dN: np.ndarray, weights: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
     """Return the outward normals times dA, (F, Q, d) [m^(d-1)], of facets with nodal coordinates
     (F, A, d); dN (Q, A, d - 1).
     """
@@ -50,19 +50,19 @@ def _normal_by_positions(dN, weights, coordinates):
     return change * weights[:, None, None, None]
 
 
-def surface_load(N, dA, values):
+def surface_load(N: np.ndarray, dA: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return ∮ N_a t dA, (F, A, k), for values (F, Q, k) at the quadrature points."""
     return N.T @ (values * dA[..., None])
 
 
-def surface_mass(N, dA, values):
+def surface_mass(N: np.ndarray, dA: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return ∮ N_a α N_b dA, (F, A, A), for values α (F, Q) or (F, 1): the matrix of a Robin
     condition.
     """
     return mass_matrix(N, values * dA)
 
 
-def pressure_load(N, normal, p):
+def pressure_load(N: np.ndarray, normal: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return ∮ N_a p n dA, (F, A, d) [N], of a pressure p (F, Q) [Pa] on the current outward
     normals times dA (F, Q, d).
 
@@ -72,7 +72,9 @@ def pressure_load(N, normal, p):
     return surface_load(N, p, normal)
 
 
-def pressure_load_by_positions(N, dN, weights, coordinates, p):
+def pressure_load_by_positions(
+    N: np.ndarray, dN: np.ndarray, weights: np.ndarray, coordinates: np.ndarray, p: np.ndarray
+) -> np.ndarray:
     """Return the derivative of `pressure_load` by the positions of the facet's nodes, (F, A, d, A,
     d) [N/m], at given p (F, Q).
 
@@ -88,7 +90,9 @@ def pressure_load_by_positions(N, dN, weights, coordinates, p):
     return K
 
 
-def backflow_residual(N, normal, rho, beta, v, c):
+def backflow_residual(
+    N: np.ndarray, normal: np.ndarray, rho: np.ndarray, beta: float, v: np.ndarray, c: np.ndarray
+) -> np.ndarray:
     """Return -(β/2) ∮ ρ (c·n)_- N_a v dA, (F, A, d) [N]: what enters through an open boundary
     brings no kinetic energy along.
 
@@ -102,7 +106,9 @@ def backflow_residual(N, normal, rho, beta, v, c):
     return surface_load(N, inflow, N @ v)
 
 
-def backflow_tangent(N, normal, rho, beta, v, c):
+def backflow_tangent(
+    N: np.ndarray, normal: np.ndarray, rho: np.ndarray, beta: float, v: np.ndarray, c: np.ndarray
+) -> np.ndarray:
     """Return the derivative of `backflow_residual` by v with c = v - v_m, (F, A, d, A, d) [N s/m].
 
     It is that of the side the flow is on: at c·n = 0, where (c·n)_- has a kink, that of the
@@ -126,7 +132,9 @@ def _inflow(N, normal, rho, beta, c):
     return weight * np.minimum(flux, 0), np.where(flux < 0, weight, 0)[..., None] * normal
 
 
-def traction_load(N, G, normal, v, p, mu):
+def traction_load(
+    N: np.ndarray, G: np.ndarray, normal: np.ndarray, v: np.ndarray, p: np.ndarray, mu: float
+) -> np.ndarray:
     """Return ∮ N_a (-p I + μ (∇v + ∇vᵀ)) n dA, (F, A, d) [N], of the stress in the cells behind
     facets.
 
@@ -138,7 +146,7 @@ def traction_load(N, G, normal, v, p, mu):
     return N.T @ (mu * viscous[..., 0] - (p @ N.T)[..., None] * normal)
 
 
-def weak_zero(N, G, normal, penalty):
+def weak_zero(N: np.ndarray, G: np.ndarray, normal: np.ndarray, penalty: np.ndarray) -> np.ndarray:
     """Return -∮ (q ∂_n s + s ∂_n q) dA + ∮ penalty q s dA, (F, A, A) [m^(d-2)]: s = 0 by Nitsche's
     method (1971).
 

@@ -4,19 +4,13 @@
 
 from ..registry import Registry, parameter
 from .contract import check_elastic
-from .elastic import (
-    EhlersEipper,
-    ElasticLaw,
-    Harmonic,
-    LinearElastic,
-    NeoHookean,
-    NeoHookeanJ2,
-    SaintVenantKirchhoff,
-    XieLeo,
-)
+from .elastic import ElasticLaw
 from .from_energy import FromEnergy
+from .linear import Harmonic, LinearElastic
 from .mooney_rivlin import MooneyRivlin
+from .neo_hookean import EhlersEipper, NeoHookean, NeoHookeanJ2, XieLeo
 from .permeability import PERMEABILITY, PermeabilityLaw
+from .saint_venant_kirchhoff import SaintVenantKirchhoff
 
 ELASTIC = Registry(
     "elastic law",

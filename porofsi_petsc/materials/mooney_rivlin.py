@@ -6,8 +6,9 @@ import numpy as np
 
 from ..registry import parameter
 from ..tensors import transpose
-from .elastic import ElasticLaw, deformation
+from .elastic import ElasticLaw
 from .from_energy import invariants
+from .strain import deformation
 
 
 @dataclass(frozen=True)

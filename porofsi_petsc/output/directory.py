@@ -91,7 +91,7 @@ class Claim:
         self._create()
         try:
             self._lock = Lock(self._directory)
-            _finish(self._directory)
+            recover(self._directory)
             self._continued = (
                 restart is not None and Path(restart).resolve().parent == self._directory.resolve()
             )
@@ -129,14 +129,14 @@ class Claim:
 
     def _let_go(self):
         _rename(self._directory / KEPT, self._directory / GONE)
-        _finish(self._directory)
+        recover(self._directory)
 
     def _release(self):
         """Bring back what was not replaced, unlock, and remove the folders made for nothing."""
         if self._lock is None:
             return
         try:
-            _finish(self._directory)
+            recover(self._directory)
         finally:
             self._lock.release()
             _remove_empty(self._made)
@@ -157,7 +157,7 @@ def _require_replaceable(directory, force):
         )
 
 
-def _finish(directory):
+def recover(directory: Path) -> None:
     """Bring earlier results back, or remove them, as the names of their folders say."""
     kept, unsorted, gone = (directory / name for name in (KEPT, UNSORTED, GONE))
     if kept.is_dir():

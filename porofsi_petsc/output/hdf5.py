@@ -56,7 +56,7 @@ def _write_together(path, comm, slabs, counts, attributes, front):
         for slab, column in zip(slabs.values(), counts.T, strict=True)
     ]
     text = sum(len(str(value)) for value in attributes.values())
-    on_root(comm, _require_room, path, comm.allreduce(sum(sizes), MPI.MAX) + text + STRUCTURE)
+    on_root(comm, require_room, path, comm.allreduce(sum(sizes), MPI.MAX) + text + STRUCTURE)
     try:
         file = h5py.File(path, "w", driver="mpio", comm=comm, userblock_size=front)
     except OSError as failure:  # on every rank alike: opening is collective
@@ -75,7 +75,7 @@ def _write_together(path, comm, slabs, counts, attributes, front):
                 dataset[start : start + len(slab)] = slab
 
 
-def _require_room(path, size):
+def require_room(path: Path, size: int) -> None:
     """Raise OSError where the file system has less than a size [bytes] left: HDF5 crashes when it
     meets a full disk.
     """

@@ -286,6 +286,11 @@ class MeshMotion:
 
     # -- end of a step -----------------------------------------------------------------------------
 
+    @property
+    def end_displacement(self) -> np.ndarray:
+        """Return u at the end of the trial step, (n_local, d) [m]."""
+        return self._u1
+
     def accept(self):
         """Make the trial state the accepted one; raises ConvergenceError, changing nothing, when an
         element is inverted.

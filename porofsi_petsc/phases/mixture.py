@@ -56,13 +56,28 @@ class QuasiDirectMixture:
         momentum, volume = fluid_residuals
         d = self.mesh.dim
         rhs = -np.column_stack([solid_residual.total, momentum.total, volume.total])
-        rhs[:, :d] += self._added[: len(rhs)] * rhs[:, d : 2 * d]
-        increment = self.block.solve(rhs * self._rows) * self._columns
-        increment[:, d : 2 * d] += (
-            np.where(self._free_velocity, self._tie, 0.0)[: len(rhs)] * increment[:, :d]
-        )
+        increment = self.separated(self.block.solve(self.combined(rhs)))
         self._solid.add(increment[:, :d])
         self._fluid.add(increment[:, d:])
+
+    def combined(self, balances: np.ndarray) -> np.ndarray:
+        """Return the right-hand side of the matrix for those of the balances of solid, fluid and
+        volume, both (n_owned, 2 d + 1): the skeleton's with χ times the fluid's, scaled.
+        """
+        d = self.mesh.dim
+        rhs = balances.copy()
+        rhs[:, :d] += self._added[: len(rhs)] * rhs[:, d : 2 * d]
+        return rhs * self._rows
+
+    def separated(self, solution: np.ndarray) -> np.ndarray:
+        """Return the increments of (y, v_f, p) of a solution of the matrix, both (n_owned, 2 d +
+        1).
+        """
+        d = self.mesh.dim
+        increment = solution * self._columns
+        tie = np.where(self._free_velocity, self._tie, 0.0)[: len(increment)]
+        increment[:, d : 2 * d] += tie * increment[:, :d]
+        return increment
 
     @timed("assembly")
     def assemble(self, rates):

@@ -509,7 +509,7 @@ class SolidPhase:
             material = self.setup.materials[region]
             stiffness = domain.reference_stiffness.part(chunk)
             elastic[chunk] = kernel.stored_energy(
-                stiffness.G, stiffness.dV, material.elastic, domain.gather(self.u, chunk)
+                stiffness.G, stiffness.dV, self._laws[region], domain.gather(self.u, chunk)
             )
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
             kinetic[chunk] = (

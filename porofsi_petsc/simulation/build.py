@@ -111,7 +111,7 @@ def _require_materials(mesh, scene, where):
         )
 
 
-def local_mesh(scene: Scene, comm: MPI.Comm) -> LocalMesh:
+def local_mesh(scene: Scene, comm: MPI.Intracomm) -> LocalMesh:
     """Return the `LocalMesh` of every rank (collective)."""
     serial = []
     on_root(comm, lambda: serial.append(serial_mesh(scene)))

@@ -24,9 +24,9 @@ from .conditions import components, dirichlet, essentials
 from .continuation import LoadFactor
 
 # Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always
-# is.  Measured by scripts/bench_solvers (docs/solvers.md): with tangents renewed in every step both
-# take the same time at about 75 000 nodes, with kept ones MUMPS is the faster up to 84 000 at
-# least.
+# is.  Measured by `scripts/run bench solvers` (docs/solvers.md): with tangents renewed in every
+# step both take the same time at about 75 000 nodes, with kept ones MUMPS is the faster up to
+# 84 000 at least.
 DIRECT_NODES_2D = 100_000
 MONOLITHIC = ("quasi_direct", "direct")
 

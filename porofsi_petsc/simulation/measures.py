@@ -20,8 +20,8 @@ from ..fem.essential import owned_nodes
 from ..fem.geometry import Rule, geometry
 from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
-from ..materials.elastic import deformation, green_strain
 from ..materials.porous import PorousMaterial
+from ..materials.strain import deformation, green_strain
 from ..phases.residual import Residual
 from ..phases.transfer import MeshState
 from ..tensors import det_minus_one, transpose

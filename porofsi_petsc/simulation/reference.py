@@ -56,7 +56,7 @@ class ExactFields:
 
 
 @dataclass(frozen=True)
-class _Soil:
+class Soil:
     """What the solutions take of a scene's one material."""
 
     elastic: ElasticLaw
@@ -66,7 +66,8 @@ class _Soil:
     law: str
 
     @classmethod
-    def of(cls, scene: Scene) -> _Soil:
+    def of(cls, scene: Scene) -> Soil:
+        """Return that of a scene."""
         entry = scene.material[0]
         solid = entry.solid
         fluid = entry.fluid
@@ -106,7 +107,7 @@ def exact_fields(scene: Scene) -> ExactFields:
     section = scene.reference
     assert section is not None  # nobody asks for those of a scene without
     try:
-        exact = SOLUTIONS[section.solution](scene, _Soil.of(scene))
+        exact = SOLUTIONS[section.solution](scene, Soil.of(scene))
         _require_load(scene, exact)
     except (ArithmeticError, ValueError) as error:
         raise InputError(_refused(scene, error)) from error

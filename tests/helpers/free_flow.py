@@ -127,7 +127,7 @@ def _disturb(coupling, size):
     so.
     """
     fluid = coupling.fluid
-    begin = coupling._begin
+    begin = fluid.begin_step
     rng = np.random.default_rng(2)
     free = ~fluid.setup.mask[: fluid.mesh.n_owned]
 
@@ -135,7 +135,7 @@ def _disturb(coupling, size):
         begin(*arguments)
         fluid.unknowns = fluid.unknowns + size * free * rng.standard_normal(free.shape)
 
-    coupling._begin = begin_elsewhere
+    fluid.begin_step = begin_elsewhere
 
 
 def _sources(flow, coupling):

@@ -1,0 +1,1 @@
+"""Hostile scenes, damaged checkpoints, signals at random moments."""

@@ -1,0 +1,1 @@
+"""Many runs and the tables of docs/studies made of them."""

@@ -1,0 +1,36 @@
+"""Tests use what is public of the package, of the scripts and of the tests' own helpers: a private
+name may change without a test that changes with it.
+"""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).resolve().parent
+FILES = sorted(TESTS.rglob("*.py"))
+OWN = {"self", "cls"}  # a class of the tests has private members of its own
+NAMEDTUPLE = {"_asdict", "_fields", "_make", "_replace"}  # public, of the standard library
+
+
+def is_private(name):
+    return name.startswith("_") and not name.startswith("__") and name.isidentifier()
+
+
+def private_names(tree):
+    """Yield the private names that a file takes of others: attributes, imports, strings that name
+    what is patched.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and getattr(node.value, "id", None) not in OWN:
+            yield node.attr
+        elif isinstance(node, ast.ImportFrom):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value != "_":
+            yield node.value
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(TESTS)))
+def test_no_private_member_of_others(path):
+    found = {*filter(is_private, private_names(ast.parse(path.read_text(encoding="utf-8"))))}
+    assert found - NAMEDTUPLE == set()
