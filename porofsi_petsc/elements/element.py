@@ -87,7 +87,7 @@ class Element(ABC):
     """Lagrange functions of an order on a reference cell; nodes in VTK's order, the vertices first.
 
     facets : local nodes of every facet in the order of the nodes of `facet`, the element of one
-    dimension less (outward orientation; None where nobody asks for it)
+    dimension less (outward orientation; None on a line, where nobody asks for it)
     """
 
     name: str
@@ -95,7 +95,7 @@ class Element(ABC):
     order: int
     meshio_name: str
     facets: tuple
-    facet: "Element | None"
+    facet: "Element"
 
     @property
     def dim(self) -> int:

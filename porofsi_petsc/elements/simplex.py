@@ -142,8 +142,8 @@ LINE = Simplex(1)
 TRIANGLE = Simplex(2)
 TETRAHEDRON = Simplex(3)
 
-L2 = LagrangeSimplex("L2", LINE, 1, "line", ((0,), (1,)), None)
-L3 = LagrangeSimplex("L3", LINE, 2, "line3", ((0,), (1,)), None)
+L2 = LagrangeSimplex("L2", LINE, 1, "line", ((0,), (1,)), None)  # type: ignore[arg-type]
+L3 = LagrangeSimplex("L3", LINE, 2, "line3", ((0,), (1,)), None)  # type: ignore[arg-type]
 T3 = LagrangeSimplex("T3", TRIANGLE, 1, "triangle", ((0, 1), (1, 2), (2, 0)), L2)
 T6 = LagrangeSimplex("T6", TRIANGLE, 2, "triangle6", ((0, 1, 3), (1, 2, 4), (2, 0, 5)), L3)
 T4 = LagrangeSimplex(

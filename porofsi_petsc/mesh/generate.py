@@ -1,7 +1,9 @@
 """Graded rectangles and boxes with named sides, patches and regions."""
 
+from collections.abc import Sequence
 from itertools import permutations, product
 from math import prod
+from typing import Protocol
 
 import numpy as np
 
@@ -29,11 +31,53 @@ DEFAULT_REGION = "body"
 FINEST = 1e-9  # smallest cell over the largest coordinate: its size has six digits or more
 
 
-def rectangle(x, y, order=1, diagonal="right", patches=(), regions=(), cell_type="triangle"):
+class Axis(Protocol):
+    """Breakpoints [m], cells per segment, and the ratio of the last to the first cell of each
+    segment, all 1 when empty or None.
+    """
+
+    @property
+    def points(self) -> Sequence[float]:
+        """Return the breakpoints [m]."""
+
+    @property
+    def cells(self) -> Sequence[int]:
+        """Return the numbers of cells."""
+
+    @property
+    def ratios(self) -> Sequence[float] | None:
+        """Return the ratios."""
+
+
+class Part(Protocol):
+    """A named part of a mesh, with an interval [m] as x, y or z where it does not have the whole
+    axis.
+    """
+
+    @property
+    def name(self) -> str:
+        """Return the name."""
+
+
+class Patch(Part, Protocol):
+    """A named part of a side."""
+
+    @property
+    def side(self) -> str:
+        """Return the name of the side."""
+
+
+def rectangle(
+    x: Axis,
+    y: Axis,
+    order: int = 1,
+    diagonal: str = "right",
+    patches: Sequence[Patch] = (),
+    regions: Sequence[Part] = (),
+    cell_type: str = "triangle",
+) -> Mesh:
     """Return a mesh of triangles, T3 or T6, or of quadrilaterals, Q4 or Q9, on a graded grid.
 
-    x, y : points (breakpoints [m]), cells (number per segment), ratios (last to first cell of each
-    segment, or None).
     diagonal : of triangles, "right" (lower left to upper right), "left" or "alternating".  Sides:
     left, right, bottom, top.
     patches : name, side, x, y (intervals or None) carved out of a side; regions : name, x, y.
@@ -45,7 +89,15 @@ def rectangle(x, y, order=1, diagonal="right", patches=(), regions=(), cell_type
     return _tagged(lines, cells, FAMILIES[cell_type], order, patches, regions)
 
 
-def box(x, y, z, order=1, patches=(), regions=(), cell_type="tetrahedron"):
+def box(
+    x: Axis,
+    y: Axis,
+    z: Axis,
+    order: int = 1,
+    patches: Sequence[Patch] = (),
+    regions: Sequence[Part] = (),
+    cell_type: str = "tetrahedron",
+) -> Mesh:
     """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision), or of
     hexahedra, H8 or H27; arguments as in `rectangle`.
 
@@ -85,9 +137,9 @@ def _grid(axes):
     return lines
 
 
-def grid_lines(axis):
-    """Return the mesh lines of an axis [m], geometric in each segment: h_i = h_0 r^(i / (n - 1)), r
-    = h_(n-1) / h_0.
+def grid_lines(axis: Axis) -> np.ndarray:
+    """Return the mesh lines of an axis, (n + 1,) [m], geometric in each segment: h_i = h_0 r^(i /
+    (n - 1)), r = h_(n-1) / h_0.
     """
     ratios = axis.ratios or [1.0] * len(axis.cells)
     segments = zip(axis.points[:-1], axis.points[1:], axis.cells, ratios, strict=True)

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ NASTRAN = (".bdf", ".fem", ".nas")
 NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
 
 
-def read_mesh(path, dim):
+def read_mesh(path: str | os.PathLike[str], dim: int) -> Mesh:
     """Return the mesh of a file: cells of one kind in named regions, every boundary facet in one
     named group.
 
