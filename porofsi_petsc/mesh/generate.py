@@ -76,8 +76,9 @@ def rectangle(
     regions: Sequence[Part] = (),
     cell_type: str = "triangle",
 ) -> Mesh:
-    """Return a mesh of triangles, T3 or T6, or of quadrilaterals, Q4 or Q9, on a graded grid.
+    """Return a mesh of triangles, T3 or T6, or of quadrilaterals, Q4, Q9 or Q8, on a graded grid.
 
+    cell_type : "triangle", "quadrilateral", or "serendipity" for Q8, which has no node inside.
     diagonal : of triangles, "right" (lower left to upper right), "left" or "alternating".  Sides:
     left, right, bottom, top.
     patches : name, side, x, y (intervals or None) carved out of a side; regions : name, x, y.
@@ -85,8 +86,11 @@ def rectangle(
     them than fit into memory.
     """
     lines = _grid((x, y))
-    cells = _triangles(lines, diagonal) if cell_type == "triangle" else _cubes(lines, cell_type)
-    return _tagged(lines, cells, FAMILIES[cell_type], order, patches, regions)
+    element = FAMILIES[2][cell_type][order - 1]
+    cells = (
+        _cubes(lines, element) if element.cell.count_in_cube == 1 else _triangles(lines, diagonal)
+    )
+    return _tagged(lines, cells, element, patches, regions)
 
 
 def box(
@@ -99,14 +103,15 @@ def box(
     cell_type: str = "tetrahedron",
 ) -> Mesh:
     """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision), or of
-    hexahedra, H8 or H27; arguments as in `rectangle`.
+    hexahedra, H8 or H27, without nodes inside H20; arguments as in `rectangle`.
 
     Sides: left, right (x), front, back (y), bottom, top (z).  Raises InputError as `rectangle`
     does.
     """
     lines = _grid((x, y, z))
-    cells = _tetrahedra(lines) if cell_type == "tetrahedron" else _cubes(lines, cell_type)
-    return _tagged(lines, cells, FAMILIES[cell_type], order, patches, regions)
+    element = FAMILIES[3][cell_type][order - 1]
+    cells = _cubes(lines, element) if element.cell.count_in_cube == 1 else _tetrahedra(lines)
+    return _tagged(lines, cells, element, patches, regions)
 
 
 def _grid(axes):
@@ -190,21 +195,20 @@ def _tetrahedra(lines):
     return np.stack(tetrahedra, axis=1).reshape(-1, 4)
 
 
-def _cubes(lines, cell_type):
+def _cubes(lines, element):
     """Return the grid cells themselves, the vertices in the order of the element."""
     corner = _corners(lines)
-    vertices = FAMILIES[cell_type][0].cell.vertices.astype(int).tolist()
+    vertices = element.cell.vertices.astype(int).tolist()
     return np.stack([corner[tuple(vertex)] for vertex in vertices], axis=1)
 
 
-def _tagged(lines, cells, family, order, patches, regions):
+def _tagged(lines, cells, element, patches, regions):
     points = np.stack(
         [grid.ravel() for grid in np.meshgrid(*lines[::-1], indexing="ij")[::-1]], axis=1
     )
     names, cell_region = _cell_regions(points[cells].mean(axis=1), lines, regions)
-    linear, element = family[0], family[order - 1]
-    cell, local = boundary_facets(cells, linear)
-    tag_of = _facet_tags(points[cell_facets(cells, linear)[cell, local]], lines, patches)
+    cell, local = boundary_facets(cells, element)
+    tag_of = _facet_tags(points[cells[:, element.facet_corners][cell, local]], lines, patches)
     points, cells = add_midside_nodes(points, cells, element)
     nodes = cell_facets(cells, element)[cell, local]
     facets = {tag: nodes[chosen] for tag, chosen in tag_of.items() if chosen.any()}
