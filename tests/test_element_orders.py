@@ -1,5 +1,5 @@
 """Order of the best approximation of a smooth field by every element, on parallelograms and on
-trapezoids.
+trapezoids; a column of Q8.
 """
 
 from types import SimpleNamespace
@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from grids import grid
+from running import Job, run_here
 
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.elements.serendipity import Serendipity
@@ -63,3 +64,11 @@ def test_order_of_the_best_approximation(name, move):
         assert 2 - SLACK < rate < 2.6
     else:
         assert rate > element.order + 1 - SLACK
+
+
+@pytest.mark.usefixtures("petsc")
+def test_terzaghi_on_serendipity(tmp_path):
+    """The bounds of the scene, whose cells are as high and are T6."""
+    overrides = ("mesh.cell_type=serendipity", "reference.times=[]", "time.end=0.1")
+    (error,) = run_here(Job("terzaghi", str(tmp_path), overrides))["errors"]
+    assert error["u"] < 0.01 and error["p"] < 0.001
