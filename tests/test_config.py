@@ -115,7 +115,7 @@ def test_the_file_is_not_changed_by_overrides(scene_file):
     assert load_scene(scene_file).time.end == 1.0
 
 
-@pytest.mark.parametrize("cell_type", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize("cell_type", ["triangle", "quadrilateral", "serendipity"])
 def test_resolved_scene_loads_again_to_an_equal_one(scene_file, tmp_path, cell_type):
     _table(tmp_path)
     overrides = ["boundary.2.flux={table='q.csv'}", f"mesh.cell_type={cell_type}"]

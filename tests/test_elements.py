@@ -13,17 +13,21 @@ from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.elements.tensor import Cube
 from porofsi_petsc.kernels.surface import facet_normal
 
-# Nodes of VTK's biquadratic quadrilateral and triquadratic hexahedron in [0, 2]^d (vtk.org, classes
-# vtkBiQuadraticQuad and vtkTriQuadraticHexahedron, their coordinates times 2): middles of edges, of
-# faces x-, x+, y-, y+, z-, z+, and of the cell.
+# Nodes of VTK's (bi)quadratic quadrilateral and (tri)quadratic hexahedron in [0, 2]^d (vtk.org,
+# classes vtkQuadraticQuad, vtkBiQuadraticQuad, vtkQuadraticHexahedron and
+# vtkTriQuadraticHexahedron, their coordinates times 2): middles of edges, of faces x-, x+, y-, y+,
+# z-, z+, and of the cell.
+Q8 = ["00", "20", "22", "02", "10", "21", "12", "01"]
+H20 = [
+    *("000", "200", "220", "020", "002", "202", "222", "022"),
+    *("100", "210", "120", "010", "102", "212", "122", "012"),
+    *("001", "201", "221", "021"),
+]
 VTK = {
-    "Q9": ["00", "20", "22", "02", "10", "21", "12", "01", "11"],
-    "H27": [
-        *("000", "200", "220", "020", "002", "202", "222", "022"),
-        *("100", "210", "120", "010", "102", "212", "122", "012"),
-        *("001", "201", "221", "021"),
-        *("011", "211", "101", "121", "110", "112", "111"),
-    ],
+    "Q8": Q8,
+    "Q9": [*Q8, "11"],
+    "H20": H20,
+    "H27": [*H20, "011", "211", "101", "121", "110", "112", "111"],
 }
 
 
@@ -55,6 +59,29 @@ def test_derivatives_are_those_of_the_shape_functions(element):
         slope = (element.gradient(xi + step) - element.gradient(xi - step)) / (2 * FD_STEP)
         assert np.abs(slope - hessian[..., m]).max() < FD_TOLERANCE
     assert element.is_affine == (np.ptp(element.gradient(xi), axis=0).max() < 1e-15)
+
+
+def test_polynomials_of_the_order_are_in_the_space(element):
+    """And x²y with its like: the space of serendipity (Arnold & Awanou, Found. Comput. Math. 11
+    (2011) 337).
+    """
+    xi = inside(element, 20)
+    for powers in product(range(element.order + 1), repeat=element.dim):
+        superlinear = sum(k for k in powers if k > 1)
+        if sum(powers) <= element.order or (
+            isinstance(element.cell, Cube) and superlinear <= element.order
+        ):
+            nodal = (element.node_coordinates**powers).prod(axis=1)
+            exact = (xi**powers).prod(axis=1)
+            assert np.allclose(element.shape(xi) @ nodal, exact, rtol=0, atol=1e-14)
+
+
+def test_the_lebesgue_constant_is_the_largest_sum_of_shape_functions(element):
+    """At a quarter of a line or at the centroid, points of the grid."""
+    grid = np.stack(np.meshgrid(*[np.arange(25) / 24] * element.dim), axis=-1)
+    xi = np.vstack([grid.reshape(-1, element.dim), element.cell.centroid])
+    sums = np.abs(element.shape(xi[element.cell.contains(xi, 0.0)])).sum(axis=1)
+    assert sums.max() == pytest.approx(element.lebesgue_constant, rel=1e-13)
 
 
 @pytest.mark.parametrize("degree", range(1, 8))

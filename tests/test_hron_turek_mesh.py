@@ -1,5 +1,5 @@
-"""The shipped meshes of the channel and of the ring: geometry, names, conformity and shape of the
-triangles.
+"""The shipped meshes of the channel and of the ring, and the channel in blocks: geometry, names,
+conformity and shape of the cells.
 """
 
 import subprocess
@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from launching import environment
+from mesh import hron_turek_blocks
 
-from porofsi_petsc.elements.quadrature import quadrature
+from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.mesh import read_mesh
 from porofsi_petsc.mesh.topology import facet_multiplicity
+from porofsi_petsc.mesh.write import write_mesh
 
 MESHES = Path(__file__).resolve().parents[1] / "configs" / "meshes"
 CHANNEL = ["hron_turek_0_p1", "hron_turek_0_p2", "hron_turek_1_p1"]
@@ -20,8 +22,19 @@ RING = ["ring_0_p2", "ring_1_p2"]
 CENTRE, RADIUS, HALF, TIP = np.array([0.2, 0.2]), 0.05, 0.01, 0.6  # [m]
 
 
-@pytest.fixture(params=CHANNEL)
-def channel(request):
+BLOCKS = ["Q4", "Q9", "Q8"]
+
+
+def in_blocks(tmp_path, name, parts=("fluid", "beam"), level=0):
+    """Return the channel in blocks of an element as it is read from its file."""
+    write_mesh(tmp_path / "blocks.msh", hron_turek_blocks.channel(level, ELEMENTS[name], parts))
+    return read_mesh(tmp_path / "blocks.msh", 2)
+
+
+@pytest.fixture(params=[*CHANNEL, *BLOCKS])
+def channel(request, tmp_path):
+    if request.param in BLOCKS:
+        return in_blocks(tmp_path, request.param)
     return read_mesh(MESHES / f"{request.param}.msh", 2)
 
 
@@ -33,14 +46,14 @@ def ring(request):
 def area(mesh, region):
     """Return the area of a region, ∫ det ∂x/∂ξ."""
     cells = mesh.cells[mesh.cell_region == mesh.regions.index(region)]
-    xi, weights = quadrature(2, 2 * mesh.element.order)
+    xi, weights = mesh.element.cell.quadrature(2 * mesh.element.order)
     jacobian = np.einsum("eai,qaj->eqij", mesh.points[cells], mesh.element.gradient(xi))
     return (np.linalg.det(jacobian) @ weights).sum()
 
 
 def smallest_angle(mesh):
-    """Return the smallest angle of all triangles [degrees]."""
-    corners = mesh.points[mesh.cells[:, :3]]
+    """Return the smallest angle of all cells [degrees]."""
+    corners = mesh.points[mesh.cells[:, : mesh.element.n_vertices]]
     a = np.roll(corners, -1, axis=1) - corners
     b = np.roll(corners, 1, axis=1) - corners
     cosine = (a * b).sum(axis=2) / np.linalg.norm(a, axis=2) / np.linalg.norm(b, axis=2)
@@ -51,14 +64,16 @@ def radius(points, centre=(0.0, 0.0)):
     return np.linalg.norm(points - np.asarray(centre), axis=1)
 
 
-def arc_error(angle, mesh, tag):
-    """Return the relative error of the area under an arc by chords, φ²/6 of each angle φ, and a
-    bound of that by parabolas.
+def arc_error(r, mesh, tag):
+    """Return the relative error of the area under an arc of radius r by chords, φ²/6 of the largest
+    angle φ, and a bound of that by parabolas.
     """
-    return (angle / len(mesh.facets[tag])) ** (2 * mesh.element.order) / 6
+    start, end = (mesh.points[mesh.facets[tag][:, i]] for i in (0, 1))
+    largest = 2 * np.arcsin(radius(end - start).max() / (2 * r))
+    return largest ** (2 * mesh.element.order) / 6
 
 
-def test_the_channel_has_its_names_and_no_bad_triangle(channel):
+def test_the_channel_has_its_names_and_no_bad_cell(channel):
     assert set(channel.regions) == {"fluid", "beam"}
     assert set(channel.facets) == {"inlet", "outlet", "walls", "cylinder", "root", "interface"}
     assert smallest_angle(channel) > 20
@@ -66,16 +81,15 @@ def test_the_channel_has_its_names_and_no_bad_triangle(channel):
 
 def test_the_areas_of_channel_and_beam_are_exact_up_to_the_arcs(channel):
     half_angle = np.arcsin(HALF / RADIUS)
-    wetted = 2 * (np.pi - half_angle)
     sector = half_angle * RADIUS**2 + HALF * np.sqrt(
         RADIUS**2 - HALF**2
     )  # of the disc, on which the beam stands
     beam = 2 * HALF * (TIP - CENTRE[0]) - sector
     fluid = 2.5 * 0.41 - np.pi * RADIUS**2 - beam
-    error = np.pi * RADIUS**2 * arc_error(wetted, channel, "cylinder")
+    error = np.pi * RADIUS**2 * arc_error(RADIUS, channel, "cylinder")
     assert area(channel, "fluid") == pytest.approx(fluid, abs=error)
     assert area(channel, "beam") == pytest.approx(
-        beam, abs=sector * arc_error(2 * half_angle, channel, "root")
+        beam, abs=sector * arc_error(RADIUS, channel, "root")
     )
 
 
@@ -125,6 +139,15 @@ def test_a_level_halves_the_sizes():
         assert len(fine.facets[tag]) == 2 * len(coarse.facets[tag])
 
 
+def test_a_part_of_the_blocks_has_its_own_boundaries_and_a_level_half_of_the_sizes(tmp_path):
+    fluid, beam = (in_blocks(tmp_path, "Q4", (name,)) for name in ("fluid", "beam"))
+    fine = in_blocks(tmp_path, "Q4", ("beam",), 1)
+    assert set(fluid.facets) == {"inlet", "outlet", "walls", "cylinder", "interface"}
+    assert set(beam.facets) == {"root", "interface"} and beam.regions == ("beam",)
+    for tag in beam.facets:
+        assert len(fine.facets[tag]) == 2 * len(beam.facets[tag])
+
+
 def test_a_level_below_zero_doubles_the_sizes(tmp_path):
     """Two elements over the thickness of the beam, its tip in two with the point A between them."""
     pytest.importorskip("gmsh")
@@ -154,7 +177,7 @@ def test_the_quarter_ring_has_its_names_radii_and_areas(ring):
     assert set(ring.facets) == {"inside", "interface", "wall"} | cuts
     for tag, r in (("inside", 0.95), ("interface", 1.05), ("wall", 1.5)):
         assert radius(ring.points[ring.facets[tag]].reshape(-1, 2)) == pytest.approx(r, rel=1e-12)
-    error = arc_error(np.pi / 2, ring, "wall") * np.pi / 4 * (1.5**2 + 1.05**2)
+    error = arc_error(1.5, ring, "wall") * np.pi / 4 * (1.5**2 + 1.05**2)
     assert area(ring, "ring") == pytest.approx(np.pi / 4 * (1.05**2 - 0.95**2), abs=error)
     assert area(ring, "fluid") == pytest.approx(np.pi / 4 * (1.5**2 - 1.05**2), abs=error)
     assert (

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from grids import grid
 from kernel_states import FD_TOLERANCE, central_difference, distorted, free_chunk, relative
 
-from porofsi_petsc.elements import ELEMENTS, FAMILIES
+from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, shape
 from porofsi_petsc.kernels.surface import facet_normal, surface_load
-from porofsi_petsc.mesh import box, rectangle
 from porofsi_petsc.mesh.topology import add_midside_nodes, boundary_facets, cell_facets
 
 
@@ -130,8 +130,7 @@ class Patch:
         self.element = element
         d = element.dim
         axis = SimpleNamespace(points=[0.0, 1.0], cells=[3 if d == 2 else 2], ratios=None)
-        family = next(name for name, elements in FAMILIES.items() if element in elements)
-        mesh = (rectangle if d == 2 else box)(*[axis] * d, cell_type=family)
+        mesh = grid(element.name, [axis] * d, order=1)
         if mesh.element.is_affine:
             self.x = mesh.points + 0.05 * rng.standard_normal(mesh.points.shape)
         else:  # parallelograms, on which gradients are polynomials

@@ -4,6 +4,7 @@ strain on a moving mesh.
 
 from functools import cache
 
+import manufactured
 import numpy as np
 import pytest
 import sympy as sp
@@ -135,3 +136,16 @@ def test_order_in_space(case, cell_type, order):
         )
         assert rate[-1] > expected[order - 1] - SLACK
         assert np.all(error < 0.5)
+
+
+@pytest.mark.parametrize("wiggle, lowest, highest", [(0.0, 2.75, 3.25), (0.15, 1.75, 2.75)])
+def test_order_of_serendipity(wiggle, lowest, highest, monkeypatch):
+    """u has order 3 on squares, and comes to 2 where cells are no parallelograms (Arnold, Boffi &
+    Falk 2002): 2.5 from 8 to 16 cells.
+    """
+    monkeypatch.setattr(manufactured, "WIGGLE", wiggle)
+    truth = solution(STATIC)
+    found = [of_solid(truth, scene(2, cells, STATIC, "serendipity")) for cells in CELLS[2]]
+    error, rate = orders(found)["u"]
+    print(f"serendipity, moved by {wiggle}: u errors {error}, order {rate[-1]:.2f}")
+    assert lowest < rate[-1] < highest

@@ -1,11 +1,11 @@
 """Generated rectangles and boxes: measures, conformity, grading, tags, adjacency."""
 
 import tracemalloc
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from grids import PLANE, SOLID, grid
 
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.mesh import box, memory, node_graph, rectangle, require_regions, require_tags
@@ -38,16 +38,8 @@ GENERATED = {
         for order in (1, 2)
         for d in ("right", "left", "alternating")
     },
-    "T4": (box, (X, Y, Z, 1), 630.0),
-    "T10": (box, (X, Y, Z, 2), 630.0),
-    **{
-        name: (partial(rectangle, cell_type="quadrilateral"), (X, Y, order), 210.0)
-        for name, order in (("Q4", 1), ("Q9", 2))
-    },
-    **{
-        name: (partial(box, cell_type="hexahedron"), (X, Y, Z, order), 630.0)
-        for name, order in (("H8", 1), ("H27", 2))
-    },
+    **{name: (grid, (name, (X, Y)), 210.0) for name in PLANE if not name.startswith("T")},
+    **{name: (grid, (name, (X, Y, Z)), 630.0) for name in SOLID},
 }
 
 

@@ -6,33 +6,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from grids import grid
 from test_mesh_read import MESHES, blocks, refused_groups, write22
 
-from porofsi_petsc.mesh import box, read_mesh, rectangle
+from porofsi_petsc.elements import ELEMENTS
+from porofsi_petsc.mesh import read_mesh, rectangle
 
 AXIS = SimpleNamespace(points=[0.0, 3.0], cells=[3], ratios=None)
-GRIDS = {
-    **{f"T{3 * order}": rectangle(AXIS, AXIS, order) for order in (1, 2)},
-    **{name: box(AXIS, AXIS, AXIS, order) for name, order in (("T4", 1), ("T10", 2))},
-}
-TENSOR = {
-    **{
-        name: rectangle(AXIS, AXIS, order, cell_type="quadrilateral")
-        for name, order in (("Q4", 1), ("Q9", 2))
-    },
-    **{
-        name: box(AXIS, AXIS, AXIS, order, cell_type="hexahedron")
-        for name, order in (("H8", 1), ("H27", 2))
-    },
-}
-GRIDS |= TENSOR
-CELL_TYPE = {2: "quadrilateral", 3: "hexahedron"}
+GRIDS = {name: grid(name, [AXIS] * element.dim) for name, element in ELEMENTS.items()}
+SIMPLICES = ["T3", "T6", "T4", "T10"]
 FLIP = {
     "T3": [0, 2, 1],
     "T6": [0, 2, 1, 5, 4, 3],
     "T4": [0, 2, 1, 3],
     "T10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
-    **{name: mesh.element.mirror for name, mesh in TENSOR.items()},
+    **{name: ELEMENTS[name].mirror for name in ELEMENTS if name not in SIMPLICES},
 }
 TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 TETRAHEDRON = np.vstack([np.zeros(3), np.eye(3)])
@@ -67,7 +55,7 @@ def with_cells(mesh, corners, nodes):
 
 
 @pytest.mark.parametrize("shift", [1.2, 1.5, 1.9, -1.3])
-@pytest.mark.parametrize("name", [name for name in GRIDS if name not in TENSOR])
+@pytest.mark.parametrize("name", SIMPLICES)
 def test_a_node_moved_across_its_neighbours_is_refused(tmp_path, name, shift):
     mesh = GRIDS[name]
     message = (
@@ -138,13 +126,12 @@ def test_a_strip_may_meet_itself_after_a_turn_but_not_go_on(tmp_path, order, tur
         assert len(read_mesh(tmp_path / "a.msh", 2).cells) == len(strip.cells)
 
 
-@pytest.mark.parametrize("name", ["Q9", "H8", "H27"])
+@pytest.mark.parametrize("name", ["Q9", "Q8", "H8", "H27", "H20"])
 def test_a_cell_that_lies_on_the_same_side_of_a_facet_as_its_neighbour_is_refused(tmp_path, name):
     """Two cells of a tensor product, the second of which is turned back over the first."""
     axes = [AXIS] * GRIDS[name].dim
     two = [SimpleNamespace(points=[0.0, 2.0], cells=[2], ratios=None), *axes[1:]]
-    make = rectangle if len(axes) == 2 else box
-    mesh = make(*two, order=GRIDS[name].element.order, cell_type=CELL_TYPE[len(axes)])
+    mesh = grid(name, two)
     points = mesh.points.copy()
     points[:, 0] = np.where(points[:, 0] > 1, 1 - 0.8 * (points[:, 0] - 1), points[:, 0])
     right = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 1

@@ -10,41 +10,28 @@ from unittest import mock
 import meshio
 import numpy as np
 import pytest
+from grids import grid
 
+from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.errors import InputError
-from porofsi_petsc.mesh import Mesh, box, read_mesh, rectangle
+from porofsi_petsc.mesh import Mesh, read_mesh
 
 AXIS = SimpleNamespace(points=[0.0, 1.0, 2.0], cells=[2, 1], ratios=None)
 PATCH = SimpleNamespace(name="strip", side="top", x=[0.0, 1.0])
 REGION = SimpleNamespace(name="core", x=[0.0, 1.0], y=None, z=None)
 MESHES = {
-    **{
-        f"T{3 * order}": rectangle(AXIS, AXIS, order, "alternating", [PATCH], [REGION])
-        for order in (1, 2)
-    },
-    **{
-        name: box(AXIS, AXIS, AXIS, order, [PATCH], [REGION])
-        for name, order in (("T4", 1), ("T10", 2))
-    },
-    **{
-        name: rectangle(AXIS, AXIS, order, "right", [PATCH], [REGION], "quadrilateral")
-        for name, order in (("Q4", 1), ("Q9", 2))
-    },
-    **{
-        name: box(AXIS, AXIS, AXIS, order, [PATCH], [REGION], "hexahedron")
-        for name, order in (("H8", 1), ("H27", 2))
-    },
+    name: grid(name, [AXIS] * element.dim, patches=[PATCH], regions=[REGION])
+    for name, element in ELEMENTS.items()
 }
 GMSH_TYPE = {"line": 1, "triangle": 2, "tetra": 4, "line3": 8, "triangle6": 9, "tetra10": 11}
 GMSH_TYPE |= {"quad": 3, "hexahedron": 5, "quad9": 10, "hexahedron27": 12}
+GMSH_TYPE |= {"quad8": 16, "hexahedron20": 17}
 # Gmsh's order of nodes in numbers of VTK's (gmsh.info, "Node ordering").
+HEXAHEDRON = [*range(8), *(8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14)]
 GMSH_NODES = {
     "tetra10": [*range(8), 9, 8],
-    "hexahedron27": [
-        *range(8),
-        *(8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14),
-        *(24, 22, 20, 21, 23, 25, 26),
-    ],
+    "hexahedron20": HEXAHEDRON,
+    "hexahedron27": [*HEXAHEDRON, *(24, 22, 20, 21, 23, 25, 26)],
 }
 
 
@@ -182,19 +169,18 @@ def test_clockwise_cells_are_reoriented_with_their_midside_nodes(tmp_path, name)
     mesh = MESHES[name]
     vertex = [0, 2, 1, 3][: mesh.dim + 1]
     corner = [0, 3, 2, 1, 4, 7, 6, 5]
+    edges = [11, 10, 9, 8, 15, 14, 13, 12, 16, 19, 18, 17]
     flip = {
         "T3": vertex,
         "T4": vertex,
         "T6": [*vertex, 5, 4, 3],
         "T10": [*vertex, 6, 5, 4, 7, 9, 8],
         "Q4": corner[:4],
+        "Q8": [*corner[:4], 7, 6, 5, 4],
         "Q9": [*corner[:4], 7, 6, 5, 4, 8],
         "H8": corner,
-        "H27": [
-            *corner,
-            *(11, 10, 9, 8, 15, 14, 13, 12, 16, 19, 18, 17),
-            *(22, 23, 20, 21, 24, 25, 26),
-        ],
+        "H20": [*corner, *edges],
+        "H27": [*corner, *edges, *(22, 23, 20, 21, 24, 25, 26)],
     }[name]
     flipped = [
         (k, d, n, nodes[:, flip] if d == mesh.dim else nodes) for k, d, n, nodes in blocks(mesh)
@@ -363,12 +349,13 @@ def test_unsupported_and_mixed_cells(tmp_path):
     points = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0], [3, 1], [2, 1]])
     quad = ("quad", 2, "body", np.array([[0, 1, 2, 3]]))
     triangle = ("triangle", 2, "body", np.array([[1, 4, 2]]))
-    serendipity = ("quad8", 2, "body", np.array([[0, 1, 2, 3, 4, 5, 6, 7]]))
+    cubic = ("triangle10", 2, "body", np.arange(10)[None])
     refused_groups(
         tmp_path,
-        points,
-        [serendipity],
-        "unsupported cells of kind quad8; mesh the domain with triangle, triangle6, quad or quad9$",
+        np.vstack([points, points[:2]]),
+        [cubic],
+        "unsupported cells of kind triangle10; mesh the domain with triangle, triangle6, quad,"
+        " quad9 or quad8$",
     )
     refused_groups(
         tmp_path,
@@ -388,8 +375,8 @@ def test_unsupported_and_mixed_cells(tmp_path):
         tmp_path,
         np.vstack([np.zeros(3), np.eye(3), np.eye(3)])[:6],
         [prism],
-        "unsupported cells of kind wedge; mesh the domain with tetra, tetra10, hexahedron or"
-        " hexahedron27$",
+        "unsupported cells of kind wedge; mesh the domain with tetra, tetra10, hexahedron,"
+        " hexahedron27 or hexahedron20$",
         dim=3,
     )
 

@@ -8,15 +8,15 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+from grids import grid
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mpi4py import MPI
 from running import SCENES, Job, run_here
 
-from porofsi_petsc.elements import ELEMENTS, FAMILIES
+from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.distribute import distribute
-from porofsi_petsc.mesh.generate import box, rectangle
 from porofsi_petsc.output import checkpoint, figures
 from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays, write_checkpoint
 from porofsi_petsc.output.field_plots import colour_scale, draw_field
@@ -35,10 +35,12 @@ MESHIO = {
     "T3": "triangle",
     "T6": "triangle6",
     "Q4": "quad",
+    "Q8": "quad8",
     "Q9": "quad9",
     "T4": "tetra",
     "T10": "tetra10",
     "H8": "hexahedron",
+    "H20": "hexahedron20",
     "H27": "hexahedron27",
 }
 
@@ -51,11 +53,7 @@ def serial_mesh(name):
     """Return a block 2 x 1 (x 1) of the element; order 2 with curved interior edges."""
     element = ELEMENTS[name]
     lengths = (2.0, 1.0, 1.0)[: element.dim]
-    mesh = (rectangle if element.dim == 2 else box)(
-        *(axis(length, int(2 * length)) for length in lengths),
-        order=element.order,
-        cell_type=next(cell for cell, family in FAMILIES.items() if element in family),
-    )
+    mesh = grid(name, [axis(length, int(2 * length)) for length in lengths])
     if element.order == 2:
         bump = np.prod(np.sin(np.pi * mesh.points / lengths), axis=1)
         middle = np.zeros(len(mesh.points), dtype=bool)
@@ -294,7 +292,7 @@ def write_results(directory, name, n_steps=4):
     return mesh
 
 
-@pytest.mark.parametrize("name", ["T6", "Q9", "T10", "H27"])
+@pytest.mark.parametrize("name", ["T6", "Q9", "Q8", "T10", "H27", "H20"])
 def test_figures_are_made_from_the_files(name, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "DPI", 40)
     write_results(tmp_path, name)
@@ -394,21 +392,23 @@ def test_snapshots_nearest_to_the_times_are_taken_once(tmp_path):
         ("T6", 64, 108, 24),
         ("Q4", 8, 22, 12),
         ("Q9", 32, 76, 24),
+        ("Q8", 8, 44, 24),
         ("T4", 56, 84, 32),
         ("T10", 224, 336, 64),
         ("H8", 28, 56, 32),
         ("H27", 112, 224, 64),
+        ("H20", 28, 112, 64),
     ],
 )
 def test_surface_is_drawn_completely(name, polygons, lines, outline, tmp_path):
     """Lines: those of the grid and the diagonals; on a closed surface three for two triangles, two
-    for a quadrilateral.
+    for a quadrilateral, four for an octagon.
     """
     write_results(tmp_path, name, 1)
     surface = read_surface(tmp_path)
     assert len(surface.polygons) == polygons and len(surface.outline) == outline
     assert len(surface.lines) == lines
-    assert len(surface.triangles) == polygons * (1 if name.startswith("T") else 2)
+    assert len(surface.triangles) == polygons * (surface.polygons.shape[1] - 2)
     assert np.array_equal(np.unique(surface.triangles), surface.nodes)
 
 
@@ -494,6 +494,12 @@ def test_a_solid_domain_is_drawn_behind_the_cut_or_whole_where_nothing_would_be_
     assert mesh.points[whole.nodes, 1].min() == 0.0 and len(half.triangles) < len(
         whole.triangles
     ) == len(beyond.triangles)
+
+
+def test_a_single_layer_of_cells_is_drawn_whole():
+    mesh = grid("H8", [axis(2.0, 2), axis(1.0, 1), axis(1.0, 1)])
+    surface = surface_of(mesh.points, mesh.cells, mesh.element)
+    assert surface.cut == 0.0 and len(surface.polygons) == 10
 
 
 @pytest.mark.parametrize(

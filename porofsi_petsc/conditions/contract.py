@@ -32,7 +32,7 @@ class SampleSurface:
 
     def __init__(self, dim: int) -> None:
         """Make two lines, or two triangles."""
-        facet = FAMILIES["triangle" if dim == 2 else "tetrahedron"][0].facet
+        facet = FAMILIES[dim]["triangle" if dim == 2 else "tetrahedron"][0].facet
         assert facet is not None  # of a cell
         self._facet = facet
         points = [[0, 0], [1, 0.1], [1.9, 0.3]]

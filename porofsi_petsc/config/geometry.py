@@ -1,10 +1,11 @@
 """Section [mesh]: a graded rectangle, a graded box or a mesh file."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
+from ..elements import FAMILIES
 from ..errors import shown
 from .types import Count, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
 
@@ -12,6 +13,11 @@ SIDES = {
     2: ("left", "right", "bottom", "top"),
     3: ("left", "right", "front", "back", "bottom", "top"),
 }
+if TYPE_CHECKING:
+    PlaneCells = str
+    SolidCells = str
+else:
+    PlaneCells, SolidCells = (Literal[tuple(FAMILIES[dim])] for dim in (2, 3))
 
 
 class Axis(Table):
@@ -120,7 +126,7 @@ class Rectangle(Generated):
     kind: Literal["rectangle"]
     x: Axis
     y: Axis
-    cell_type: Literal["triangle", "quadrilateral"] = "triangle"
+    cell_type: PlaneCells = "triangle"
     diagonal: Literal["right", "left", "alternating"] = "right"
 
     @model_validator(mode="after")
@@ -146,7 +152,7 @@ class Box(Generated):
     x: Axis
     y: Axis
     z: Axis
-    cell_type: Literal["tetrahedron", "hexahedron"] = "tetrahedron"
+    cell_type: SolidCells = "tetrahedron"
 
     @property
     def dim(self) -> int:

@@ -10,7 +10,7 @@ from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..phases.block import LinearBlock
 from ..phases.residual import Residual
-from ..phases.setup import PhaseSetup
+from ..phases.setup import FreeFluidSetup, PhaseSetup
 from ..phases.surface_terms import SurfaceTerms
 from ..phases.transfer import Flow, MeshState, Rates
 
@@ -127,6 +127,9 @@ class InterfaceFluid(Fluid, Protocol):
 
     force: np.ndarray
     robin_coefficient: float
+
+    @property
+    def setup(self) -> FreeFluidSetup: ...
 
     def boundary_force(self, momentum: Residual) -> np.ndarray: ...
     def interface_force(self, skeleton: MeshState) -> np.ndarray: ...

@@ -86,6 +86,7 @@ class Cell(ABC):
 class Element(ABC):
     """Lagrange functions of an order on a reference cell; nodes in VTK's order, the vertices first.
 
+    meshio_name, xdmf_name : what it is called in mesh files and in XDMF
     facets : local nodes of every facet in the order of the nodes of `facet`, the element of one
     dimension less (outward orientation; None on a line, where nobody asks for it)
     """
@@ -94,6 +95,7 @@ class Element(ABC):
     cell: Cell
     order: int
     meshio_name: str
+    xdmf_name: str
     facets: tuple
     facet: "Element"
 
@@ -142,6 +144,20 @@ class Element(ABC):
     @abstractmethod
     def trace_constant(self) -> float:
         """Return the least C with ∮_f w² dA <= C A/V ∫ w² dV on a facet f of an affine element."""
+
+    @property
+    @abstractmethod
+    def lebesgue_constant(self) -> float:
+        """Return the largest Σ |N_a| in the cell: how far over its farthest node from a point a
+        curved element may reach.
+        """
+
+    @property
+    @abstractmethod
+    def polygons(self) -> tuple:
+        """Return the local nodes of the polygons, of one number of vertices, that a plane element
+        is drawn as, or of the segments of a line; no three nodes at the begin are in a row.
+        """
 
     @abstractmethod
     def shape(self, xi: np.ndarray) -> np.ndarray:

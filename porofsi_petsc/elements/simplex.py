@@ -19,6 +19,7 @@ EDGES = {
     2: ((0, 1), (1, 2), (2, 0)),
     3: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
 }
+POLYGONS = {1: ((0, 2), (2, 1)), 2: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))}  # of order 2
 
 
 class Simplex(Cell):
@@ -110,6 +111,18 @@ class LagrangeSimplex(Element):
         """Return (k + 1)(k + d)/d (Warburton & Hesthaven, CMAME 192 (2003) 2765)."""
         return (self.order + 1) * (self.order + self.dim) / self.dim
 
+    @property
+    def lebesgue_constant(self) -> float:
+        """Return 1, or that of order 2: at a quarter of a line, else at the centroid."""
+        return 1.0 if self.order == 1 else {1: 5 / 4, 2: 5 / 3, 3: 2.0}[self.dim]
+
+    @property
+    def polygons(self) -> tuple:
+        """Return the element itself, or the parts between its nodes."""
+        if self.order == 1:
+            return (tuple(range(self.nodes)),)
+        return POLYGONS[self.dim]
+
     def shape(self, xi: np.ndarray) -> np.ndarray:
         """Return N, (Q, A), at the reference points xi, (Q, dim)."""
         L = self.cell.vertex_functions(xi)
@@ -142,18 +155,21 @@ LINE = Simplex(1)
 TRIANGLE = Simplex(2)
 TETRAHEDRON = Simplex(3)
 
-L2 = LagrangeSimplex("L2", LINE, 1, "line", ((0,), (1,)), None)  # type: ignore[arg-type]
-L3 = LagrangeSimplex("L3", LINE, 2, "line3", ((0,), (1,)), None)  # type: ignore[arg-type]
-T3 = LagrangeSimplex("T3", TRIANGLE, 1, "triangle", ((0, 1), (1, 2), (2, 0)), L2)
-T6 = LagrangeSimplex("T6", TRIANGLE, 2, "triangle6", ((0, 1, 3), (1, 2, 4), (2, 0, 5)), L3)
+L2 = LagrangeSimplex("L2", LINE, 1, "line", "Polyline", ((0,), (1,)), None)  # type: ignore[arg-type]
+L3 = LagrangeSimplex("L3", LINE, 2, "line3", "Edge_3", ((0,), (1,)), None)  # type: ignore[arg-type]
+T3 = LagrangeSimplex("T3", TRIANGLE, 1, "triangle", "Triangle", ((0, 1), (1, 2), (2, 0)), L2)
+T6 = LagrangeSimplex(
+    "T6", TRIANGLE, 2, "triangle6", "Triangle_6", ((0, 1, 3), (1, 2, 4), (2, 0, 5)), L3
+)
 T4 = LagrangeSimplex(
-    "T4", TETRAHEDRON, 1, "tetra", ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)), T3
+    "T4", TETRAHEDRON, 1, "tetra", "Tetrahedron", ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)), T3
 )
 T10 = LagrangeSimplex(
     "T10",
     TETRAHEDRON,
     2,
     "tetra10",
+    "Tetrahedron_10",
     ((0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 3, 2, 7, 9, 6)),
     T6,
 )

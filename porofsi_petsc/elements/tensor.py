@@ -140,6 +140,18 @@ class TensorProduct(Element):
         """Return (k + 1)², that of a line (Warburton & Hesthaven, CMAME 192 (2003) 2765)."""
         return (self.order + 1) ** 2
 
+    @property
+    def lebesgue_constant(self) -> float:
+        """Return that of a line, for every coordinate."""
+        return {1: 1.0, 2: 5 / 4}[self.order] ** self.dim
+
+    @property
+    def polygons(self) -> tuple:
+        """Return the element itself, or the four parts between its nodes."""
+        if self.order == 1:
+            return (tuple(range(self.nodes)),)
+        return ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3))
+
     def shape(self, xi: np.ndarray) -> np.ndarray:
         """Return N, (Q, A), at the reference points xi, (Q, dim)."""
         return self._product(self._on_lines(xi), [0] * self.dim)
@@ -185,14 +197,17 @@ class TensorProduct(Element):
 SQUARE = Cube(2)
 CUBE = Cube(3)
 
-Q4 = TensorProduct("Q4", SQUARE, 1, "quad", EDGES[2], L2)
-Q9 = TensorProduct("Q9", SQUARE, 2, "quad9", ((0, 1, 4), (1, 2, 5), (2, 3, 6), (3, 0, 7)), L3)
-H8 = TensorProduct("H8", CUBE, 1, "hexahedron", FACES, Q4)
+Q4 = TensorProduct("Q4", SQUARE, 1, "quad", "Quadrilateral", EDGES[2], L2)
+Q9 = TensorProduct(
+    "Q9", SQUARE, 2, "quad9", "Quadrilateral_9", ((0, 1, 4), (1, 2, 5), (2, 3, 6), (3, 0, 7)), L3
+)
+H8 = TensorProduct("H8", CUBE, 1, "hexahedron", "Hexahedron", FACES, Q4)
 H27 = TensorProduct(
     "H27",
     CUBE,
     2,
     "hexahedron27",
+    "Hexahedron_27",
     (
         (0, 4, 7, 3, 16, 15, 19, 11, 20),
         (1, 2, 6, 5, 9, 18, 13, 17, 21),

@@ -6,9 +6,6 @@ from ..elements import Element
 from ..tensors import inverse
 
 ROUND_OFF = 1e-12  # of reference coordinates
-# Sum of |N_a| on a facet of an order, at most (on a quadrilateral of order 2 25/16): how far over
-# its farthest node a curved facet may reach from its centroid.
-REACH = {1: 1.0, 2: 5 / 3}
 # Of Gauss and Newton to a curved facet: each contracts by curvature times distance, on two sides of
 # an interface by 0.1 or less.
 STEPS = 20
@@ -29,7 +26,7 @@ def closest_points(
     found = []
     for start in range(0, max(len(points), 1), CHUNK):
         some = points[start : start + CHUNK]
-        facet, point = _candidates(X, some, REACH[element.order])
+        facet, point = _candidates(X, some, element.lebesgue_constant)
         xi, distance = _closest_on_facets(element, X[facet], some[point])
         best = np.lexsort([facet, distance, point])[np.searchsorted(point, np.arange(len(some)))]
         found.append((facet[best], element.shape(xi[best]), distance[best]))

@@ -36,6 +36,7 @@ both, compiled.
 """
 
 from dataclasses import dataclass
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -161,7 +162,9 @@ def flow_tangent(
 
 
 def _arguments(el, f):
-    """Return the sizes (A, d, affine, even), elements and fields for a compiled loop."""
+    """Return the sizes (A, d, affine, even), elements and fields for a compiled loop; even: the
+    second derivatives of the shape functions are constant.
+    """
     G = el.geometry.G
     dV = el.geometry.dV
     second = el.second
@@ -198,8 +201,9 @@ def _arguments(el, f):
     c = f.c if el.convection else unread
     v_s = f.v_s if drag or not el.free else unread
     fields = FlowFields(*map(plain, f._replace(c=c, v_s=v_s, dp=f.dp if undrained else none)))
-    even = not curved or len(second.rule.hessian) == 1
-    return (*G.shape[2:], G.shape[1] == 1, even), elements, fields
+    A, d = G.shape[2:]
+    even = comb(d + el.order, d) == A  # all polynomials of the order, 2 at most, and no others
+    return (A, d, G.shape[1] == 1, even), elements, fields
 
 
 def _in_rows(array):

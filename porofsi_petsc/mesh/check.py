@@ -1,30 +1,34 @@
 """Checks of a mesh that came from outside; each raises InputError with one sentence."""
 
 import os
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from ..elements import ELEMENTS
+from ..elements import ELEMENTS, Element
 from ..errors import InputError, listed
+from .mesh import Mesh
 from .topology import facet_multiplicity, locate_facets
 
 # det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under
 # any graded mesh, over round-off
 DEGENERATE = 1e-12
 JACOBIAN_CHUNK = 20000
+Where = str | Path  # what is named in a message: a file or a section
 
 
-def place(coordinates):
-    """Return coordinates as text, (x, y[, z])."""
+def place(coordinates: np.ndarray) -> str:
+    """Return coordinates (d,) as text, (x, y[, z])."""
     return "(" + ", ".join(f"{x:.6g}" for x in coordinates) + ")"
 
 
-def require_tags(mesh, names, where):
+def require_tags(mesh: Mesh, names: Iterable[str], where: Where) -> None:
     """Raise InputError unless every name is a facet tag of the mesh."""
     _require_names(names, mesh.facets, where, "boundary tag")
 
 
-def require_regions(mesh, names, where):
+def require_regions(mesh: Mesh, names: Iterable[str], where: Where) -> None:
     """Raise InputError unless every name is a region of the mesh."""
     _require_names(names, mesh.regions, where, "region")
 
@@ -37,7 +41,7 @@ def _require_names(names, available, where, kind):
             )
 
 
-def require_file(path):
+def require_file(path: Path) -> None:
     """Raise InputError unless the path is a file with content that may be read."""
     if not path.exists():
         raise InputError(f"{path}: no such mesh file; check mesh.path in the scene")
@@ -52,7 +56,7 @@ def require_file(path):
         raise InputError(f"{path}: there is no permission to read the mesh file; change its mode")
 
 
-def require_arrays(points, cells, dim, where):
+def require_arrays(points: np.ndarray, cells: Sequence[np.ndarray], dim: int, where: Where) -> None:
     """Raise InputError unless points are (N, >= dim) and the cells of every block (E, A), as a file
     that is whole gives them.
     """
@@ -68,7 +72,7 @@ def require_arrays(points, cells, dim, where):
         )
 
 
-def volume_element(blocks, dim, where):
+def volume_element(blocks: Sequence[tuple[str, int]], dim: int, where: Where) -> Element:
     """Return the element of the cells of the highest dimension, which must be dim; blocks: pairs
     (meshio name, dimension).
     """
@@ -102,8 +106,8 @@ def volume_element(blocks, dim, where):
     return supported[kinds[0]]
 
 
-def plane_points(points, dim, where):
-    """Return the points, (N, dim), without the constant z coordinate of a plane mesh."""
+def plane_points(points: np.ndarray, dim: int, where: Where) -> np.ndarray:
+    """Return points (N, >= dim) without the constant z coordinate of a plane mesh, (N, dim)."""
     if not np.isfinite(points).all():
         first = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
         raise InputError(
@@ -120,8 +124,8 @@ def plane_points(points, dim, where):
     return np.ascontiguousarray(points[:, :dim], dtype=float)
 
 
-def oriented(points, cells, element, where):
-    """Return the cells mirrored, first and second reference coordinate swapped, where the
+def oriented(points: np.ndarray, cells: np.ndarray, element: Element, where: Where) -> np.ndarray:
+    """Return the cells (E, A) mirrored, first and second reference coordinate swapped, where the
     determinant of the edges is negative.
     """
     edges = _legs(points[cells], element)
@@ -145,9 +149,11 @@ def _legs(X, element):
     return element.cell.vertex_gradient.T @ X[:, : element.n_vertices]
 
 
-def require_positive_jacobian(points, cells, element, where):
+def require_positive_jacobian(
+    points: np.ndarray, cells: np.ndarray, element: Element, where: Where
+) -> None:
     """Raise InputError where det dx/dxi <= 0 at a node or quadrature point of an element that is
-    not affine.
+    not affine; points (N, d) [m], cells (E, A).
     """
     if element.is_affine:
         return
@@ -172,9 +178,11 @@ def require_positive_jacobian(points, cells, element, where):
             )
 
 
-def require_known_nodes(points, cells, where, what="cell"):
-    """Raise InputError when a cell, or what else has a row of nodes, has one that the file does not
-    list.
+def require_known_nodes(
+    points: np.ndarray, cells: np.ndarray, where: Where, what: str = "cell"
+) -> None:
+    """Raise InputError when a cell (E, A), or what else has a row of nodes, has one that the file
+    does not list; points (N, d).
     """
     unknown = np.flatnonzero(((cells < 0) | (cells >= len(points))).any(axis=1))
     if len(unknown):
@@ -184,8 +192,8 @@ def require_known_nodes(points, cells, where, what="cell"):
         )
 
 
-def require_no_orphans(points, cells, where):
-    """Raise InputError when a node belongs to no cell."""
+def require_no_orphans(points: np.ndarray, cells: np.ndarray, where: Where) -> None:
+    """Raise InputError when a node of points (N, d) [m] belongs to no cell (E, A)."""
     used = np.zeros(len(points), dtype=bool)
     used[cells] = True
     orphans = np.flatnonzero(~used)
@@ -196,8 +204,10 @@ def require_no_orphans(points, cells, where):
         )
 
 
-def require_regions_of_cells(points, cells, cell_region, where):
-    """Raise InputError when a cell has no region (index -1)."""
+def require_regions_of_cells(
+    points: np.ndarray, cells: np.ndarray, cell_region: np.ndarray, where: Where
+) -> None:
+    """Raise InputError when a cell (E, A) has no region, cell_region (E,) being -1."""
     bare = np.flatnonzero(cell_region < 0)
     if len(bare):
         at = place(points[cells[bare[0]]].mean(axis=0))
@@ -207,17 +217,28 @@ def require_regions_of_cells(points, cells, cell_region, where):
         )
 
 
-def require_manifold(points, cells, element, group, where):
-    """Raise InputError for a facet of three cells; group : number of each facet, (E, facets of a
-    cell).
+def require_manifold(
+    points: np.ndarray, cells: np.ndarray, element: Element, group: np.ndarray, where: Where
+) -> None:
+    """Raise InputError for a facet of three cells.
+
+    points : (N, d) [m].  cells : (E, A).  group : number of each facet, (E, facets of a cell).
     """
     what = "facets are shared by more than two cells, the first at {}; remove the doubled cells"
     _require_none((np.bincount(group.ravel()) > 2)[group], what, points, cells, element, where)
 
 
-def require_tagged_boundary(points, cells, element, group, tagged, where):
-    """Raise InputError for a boundary facet without a tag; group, tagged (bool) : (E, facets of a
-    cell).
+def require_tagged_boundary(
+    points: np.ndarray,
+    cells: np.ndarray,
+    element: Element,
+    group: np.ndarray,
+    tagged: np.ndarray,
+    where: Where,
+) -> None:
+    """Raise InputError for a boundary facet without a tag.
+
+    points : (N, d) [m].  cells : (E, A).  group, tagged (bool) : (E, facets of a cell).
     """
     what = (
         "boundary facets have no tag, the first at {}; put every boundary facet into a named"
@@ -234,7 +255,7 @@ def _require_none(wrong, what, points, cells, element, where):
         raise InputError(f"{where}: {len(cell)} {what.format(place(points[corners].mean(axis=0)))}")
 
 
-def boundary_tags(mesh):
+def boundary_tags(mesh: Mesh) -> list[str]:
     """Return the tags that lie on the boundary of the mesh, at least with one facet."""
     multiplicity = facet_multiplicity(mesh.cells, mesh.element)
     places = {
@@ -245,7 +266,7 @@ def boundary_tags(mesh):
     ]
 
 
-def require_every_tag(tags, used, where):
+def require_every_tag(tags: Iterable[str], used: Collection[str], where: Where) -> None:
     """Raise InputError when a boundary tag of the mesh has no [[boundary]] entry."""
     for tag in tags:
         if tag not in used:

@@ -1,7 +1,9 @@
 """Graded rectangles and boxes with named sides, patches and regions."""
 
+from collections.abc import Sequence
 from itertools import permutations, product
 from math import prod
+from typing import Protocol
 
 import numpy as np
 
@@ -29,11 +31,54 @@ DEFAULT_REGION = "body"
 FINEST = 1e-9  # smallest cell over the largest coordinate: its size has six digits or more
 
 
-def rectangle(x, y, order=1, diagonal="right", patches=(), regions=(), cell_type="triangle"):
-    """Return a mesh of triangles, T3 or T6, or of quadrilaterals, Q4 or Q9, on a graded grid.
+class Axis(Protocol):
+    """Breakpoints [m], cells per segment, and the ratio of the last to the first cell of each
+    segment, all 1 when empty or None.
+    """
 
-    x, y : points (breakpoints [m]), cells (number per segment), ratios (last to first cell of each
-    segment, or None).
+    @property
+    def points(self) -> Sequence[float]:
+        """Return the breakpoints [m]."""
+
+    @property
+    def cells(self) -> Sequence[int]:
+        """Return the numbers of cells."""
+
+    @property
+    def ratios(self) -> Sequence[float] | None:
+        """Return the ratios."""
+
+
+class Part(Protocol):
+    """A named part of a mesh, with an interval [m] as x, y or z where it does not have the whole
+    axis.
+    """
+
+    @property
+    def name(self) -> str:
+        """Return the name."""
+
+
+class Patch(Part, Protocol):
+    """A named part of a side."""
+
+    @property
+    def side(self) -> str:
+        """Return the name of the side."""
+
+
+def rectangle(
+    x: Axis,
+    y: Axis,
+    order: int = 1,
+    diagonal: str = "right",
+    patches: Sequence[Patch] = (),
+    regions: Sequence[Part] = (),
+    cell_type: str = "triangle",
+) -> Mesh:
+    """Return a mesh of triangles, T3 or T6, or of quadrilaterals, Q4, Q9 or Q8, on a graded grid.
+
+    cell_type : "triangle", "quadrilateral", or "serendipity" for Q8, which has no node inside.
     diagonal : of triangles, "right" (lower left to upper right), "left" or "alternating".  Sides:
     left, right, bottom, top.
     patches : name, side, x, y (intervals or None) carved out of a side; regions : name, x, y.
@@ -41,20 +86,32 @@ def rectangle(x, y, order=1, diagonal="right", patches=(), regions=(), cell_type
     them than fit into memory.
     """
     lines = _grid((x, y))
-    cells = _triangles(lines, diagonal) if cell_type == "triangle" else _cubes(lines, cell_type)
-    return _tagged(lines, cells, FAMILIES[cell_type], order, patches, regions)
+    element = FAMILIES[2][cell_type][order - 1]
+    cells = (
+        _cubes(lines, element) if element.cell.count_in_cube == 1 else _triangles(lines, diagonal)
+    )
+    return _tagged(lines, cells, element, patches, regions)
 
 
-def box(x, y, z, order=1, patches=(), regions=(), cell_type="tetrahedron"):
+def box(
+    x: Axis,
+    y: Axis,
+    z: Axis,
+    order: int = 1,
+    patches: Sequence[Patch] = (),
+    regions: Sequence[Part] = (),
+    cell_type: str = "tetrahedron",
+) -> Mesh:
     """Return a mesh of tetrahedra, T4 or T10, six to a grid cell (Kuhn's subdivision), or of
-    hexahedra, H8 or H27; arguments as in `rectangle`.
+    hexahedra, H8 or H27, without nodes inside H20; arguments as in `rectangle`.
 
     Sides: left, right (x), front, back (y), bottom, top (z).  Raises InputError as `rectangle`
     does.
     """
     lines = _grid((x, y, z))
-    cells = _tetrahedra(lines) if cell_type == "tetrahedron" else _cubes(lines, cell_type)
-    return _tagged(lines, cells, FAMILIES[cell_type], order, patches, regions)
+    element = FAMILIES[3][cell_type][order - 1]
+    cells = _cubes(lines, element) if element.cell.count_in_cube == 1 else _tetrahedra(lines)
+    return _tagged(lines, cells, element, patches, regions)
 
 
 def _grid(axes):
@@ -85,9 +142,9 @@ def _grid(axes):
     return lines
 
 
-def grid_lines(axis):
-    """Return the mesh lines of an axis [m], geometric in each segment: h_i = h_0 r^(i / (n - 1)), r
-    = h_(n-1) / h_0.
+def grid_lines(axis: Axis) -> np.ndarray:
+    """Return the mesh lines of an axis, (n + 1,) [m], geometric in each segment: h_i = h_0 r^(i /
+    (n - 1)), r = h_(n-1) / h_0.
     """
     ratios = axis.ratios or [1.0] * len(axis.cells)
     segments = zip(axis.points[:-1], axis.points[1:], axis.cells, ratios, strict=True)
@@ -138,21 +195,20 @@ def _tetrahedra(lines):
     return np.stack(tetrahedra, axis=1).reshape(-1, 4)
 
 
-def _cubes(lines, cell_type):
+def _cubes(lines, element):
     """Return the grid cells themselves, the vertices in the order of the element."""
     corner = _corners(lines)
-    vertices = FAMILIES[cell_type][0].cell.vertices.astype(int).tolist()
+    vertices = element.cell.vertices.astype(int).tolist()
     return np.stack([corner[tuple(vertex)] for vertex in vertices], axis=1)
 
 
-def _tagged(lines, cells, family, order, patches, regions):
+def _tagged(lines, cells, element, patches, regions):
     points = np.stack(
         [grid.ravel() for grid in np.meshgrid(*lines[::-1], indexing="ij")[::-1]], axis=1
     )
     names, cell_region = _cell_regions(points[cells].mean(axis=1), lines, regions)
-    linear, element = family[0], family[order - 1]
-    cell, local = boundary_facets(cells, linear)
-    tag_of = _facet_tags(points[cell_facets(cells, linear)[cell, local]], lines, patches)
+    cell, local = boundary_facets(cells, element)
+    tag_of = _facet_tags(points[cells[:, element.facet_corners][cell, local]], lines, patches)
     points, cells = add_midside_nodes(points, cells, element)
     nodes = cell_facets(cells, element)[cell, local]
     facets = {tag: nodes[chosen] for tag, chosen in tag_of.items() if chosen.any()}

@@ -3,9 +3,9 @@
 import numpy as np
 
 
-def node_graph(cells, n_nodes):
-    """Return the adjacency of the nodes in CSR form without the diagonal: indptr (N + 1,), indices
-    sorted in each row.
+def node_graph(cells: np.ndarray, n_nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the adjacency of the nodes of cells (E, A) in CSR form without the diagonal: indptr
+    (N + 1,), indices sorted in each row.
     """
     low, high = np.triu_indices(cells.shape[1], k=1)
     pairs = np.unique(

@@ -1,15 +1,17 @@
 """The surface between two kinds of regions as a tag of the mesh."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 import numpy as np
 
+from .mesh import Mesh
 from .topology import cell_facets, facet_multiplicity
 
 INTERFACE = "interface"
 
 
-def with_interface(mesh, regions, tags):
+def with_interface(mesh: Mesh, regions: Collection[str], tags: Iterable[str]) -> Mesh:
     """Return the mesh with the tag "interface" on the facets between the given regions and all
     others, if there are any.
 

@@ -21,17 +21,17 @@ class Mesh:
     points: np.ndarray
     cells: np.ndarray
     element: Element
-    regions: tuple
+    regions: tuple[str, ...]
     cell_region: np.ndarray
-    facets: dict
+    facets: dict[str, np.ndarray]
 
     @property
-    def dim(self):
+    def dim(self) -> int:
         """Return the space dimension."""
         return self.element.dim
 
     @cached_property
-    def hash(self):
+    def hash(self) -> str:
         """Return 16 hexadecimal digits of the SHA-256 over points, cells and tagged facets."""
         digest = hashlib.sha256(self.element.name.encode())
         for array in (self.points, self.cells, self.cell_region):

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ..elements import Element
 from ..errors import InputError
-from .check import place
+from .check import Where, place
 
 # Depth of a cell in another that is no overlap, in smallest heights of a cell: digits of a mesh
 # file.
@@ -24,11 +25,13 @@ PARALLEL = 1e-9  # product of two edges over the largest, below which it has no 
 LEAF = 32  # cells that are compared with all cells near them at once
 
 
-def require_unfolded(points, cells, element, group, where):
+def require_unfolded(
+    points: np.ndarray, cells: np.ndarray, element: Element, group: np.ndarray, where: Where
+) -> None:
     """Raise InputError where two cells lie on the same side of their common facet.
 
-    Neighbours that are oriented alike traverse it in opposite directions.  group : (E, facets of a
-    cell)
+    Neighbours that are oriented alike traverse it in opposite directions.  points : (N, d) [m].
+    cells : (E, A).  group : (E, facets of a cell)
     """
     sides = _orientation(cells[:, element.facet_corners])
     balance = np.bincount(group.ravel(), weights=sides.ravel())
@@ -46,9 +49,12 @@ def require_unfolded(points, cells, element, group, where):
     )
 
 
-def require_disjoint(points, cells, element, group, where):
-    """Raise InputError where a cell at the boundary overlaps another one.  group : (E, facets of a
-    cell)
+def require_disjoint(
+    points: np.ndarray, cells: np.ndarray, element: Element, group: np.ndarray, where: Where
+) -> None:
+    """Raise InputError where a cell at the boundary overlaps another one.
+
+    points : (N, d) [m].  cells : (E, A).  group : (E, facets of a cell)
     """
     simplices = cells[:, element.cell.simplices]
     count = simplices.shape[1]
@@ -57,7 +63,8 @@ def require_disjoint(points, cells, element, group, where):
     corners = points[simplices.reshape(len(owner), -1)]
     gradients = _gradients(corners)
     allowed = ROUNDED * _height(corners) + 2 * _bulge(points, cells, element)[owner]
-    for a, b in _near(*_boxes(corners), np.flatnonzero(outer[owner])):
+    low, high = _boxes(corners)
+    for a, b in _near(low, high, np.flatnonzero(outer[owner])):
         other = owner[a] != owner[b]
         a, b = a[other], b[other]
         depth = _depth(corners, gradients, a, b, np.minimum(allowed[a], allowed[b]))

@@ -2,21 +2,17 @@
 
 import contextlib
 import io
+import os
 from pathlib import Path
 
 import numpy as np
 
+from ..elements import ELEMENTS
 from ..errors import InputError, shown
 from . import check, overlap
 from .mesh import Mesh
 from .topology import cell_facets, facet_groups, locate_facets
 
-# By the number of vertices; of facets with more nodes than vertices only these are looked at.
-FACET_KINDS = {
-    2: ("line", "line3"),
-    3: ("triangle", "triangle6"),
-    4: ("quad", "quad8", "quad9"),
-}
 GMSH_NUMBERS = "gmsh:physical"
 # Formats that have no named boundaries; meshio's readers of most of them do not end on broken
 # files.
@@ -25,7 +21,7 @@ NASTRAN = (".bdf", ".fem", ".nas")
 NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
 
 
-def read_mesh(path, dim):
+def read_mesh(path: str | os.PathLike[str], dim: int) -> Mesh:
     """Return the mesh of a file: cells of one kind in named regions, every boundary facet in one
     named group.
 
@@ -43,7 +39,7 @@ def read_mesh(path, dim):
     points = check.plane_points(source.points, dim, path)
     names, tags = _tags(source, path)
     cells, cell_tag = _gather(source.cells, tags, (element.meshio_name,))
-    tagged_facets = _gather(source.cells, tags, FACET_KINDS[element.cell.facet_vertices])
+    tagged_facets = _gather(source.cells, tags, _facet_kinds(element))
     check.require_known_nodes(points, cells, path)
     check.require_known_nodes(points, tagged_facets[0], path, "facet")
     check.require_no_orphans(points, cells, path)
@@ -56,6 +52,14 @@ def read_mesh(path, dim):
         require(points, cells, element, group, path)
     facets = _facets(points, cells, element, group, tagged_facets, names, path)
     return Mesh(points, cells, element, tuple(names[i] for i in used), cell_region, facets)
+
+
+def _facet_kinds(element):
+    """Return meshio's names of the facets of all orders; of their nodes only the vertices are
+    looked at.
+    """
+    facets = [other.facet for other in ELEMENTS.values()]
+    return {facet.meshio_name for facet in facets if facet.cell == element.facet.cell}
 
 
 def _read_quietly(path):

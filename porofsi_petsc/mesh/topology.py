@@ -4,8 +4,10 @@ from itertools import groupby
 
 import numpy as np
 
+from ..elements import Element
 
-def group_rows(rows):
+
+def group_rows(rows: np.ndarray) -> np.ndarray:
     """Return the group number of every row, (R,), rows with the same set of integers sharing one.
 
     rows : (R, k).  The groups are numbered in lexicographic order of their sorted rows.
@@ -19,15 +21,17 @@ def group_rows(rows):
     return group
 
 
-def add_midside_nodes(points, cells, element):
+def add_midside_nodes(
+    points: np.ndarray, cells: np.ndarray, element: Element
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the points and cells of an element made from those of order 1, the nodes between
     vertices numbered after them.
 
     points : (N, d) -> (N + M, d).  cells : (E, vertices) -> (E, nodes).
     """
     vertices = cells
-    for _, supports in groupby(element.supports, len):
-        supports = np.array(list(supports))
+    for _, alike in groupby(element.supports, len):
+        supports = np.array(list(alike))
         around = vertices[:, supports].reshape(-1, supports.shape[1])
         group = group_rows(around)
         first = np.unique(group, return_index=True)[1]
@@ -36,37 +40,42 @@ def add_midside_nodes(points, cells, element):
     return points, cells
 
 
-def cell_facets(cells, element):
-    """Return the nodes of every facet of every cell, (E, number of facets, Af), outward
+def cell_facets(cells: np.ndarray, element: Element) -> np.ndarray:
+    """Return the nodes of every facet of every cell (E, A), (E, number of facets, Af), outward
     orientation.
     """
     return cells[:, np.array(element.facets)]
 
 
-def facet_groups(cells, element):
-    """Return the number of every facet of every cell, (E, number of facets), shared ones with one
-    number.
+def facet_groups(cells: np.ndarray, element: Element) -> np.ndarray:
+    """Return the number of every facet of every cell (E, A), (E, number of facets), shared ones
+    with one number.
     """
     vertices = cells[:, element.facet_corners]
     return group_rows(vertices.reshape(-1, vertices.shape[2])).reshape(vertices.shape[:2])
 
 
-def facet_multiplicity(cells, element):
-    """Return by how many cells each facet is shared, (E, number of facets)."""
+def facet_multiplicity(cells: np.ndarray, element: Element) -> np.ndarray:
+    """Return by how many cells each facet of cells (E, A) is shared, (E, number of facets)."""
     group = facet_groups(cells, element)
     return np.bincount(group.ravel())[group]
 
 
-def boundary_facets(cells, element):
-    """Return cell and local number, (F,) each, of the facets that belong to one cell only."""
-    return np.nonzero(facet_multiplicity(cells, element) == 1)
+def boundary_facets(cells: np.ndarray, element: Element) -> tuple[np.ndarray, np.ndarray]:
+    """Return cell and local number, (F,) each, of the facets that belong to one of the cells (E, A)
+    only.
+    """
+    cell, local = np.nonzero(facet_multiplicity(cells, element) == 1)
+    return cell, local
 
 
-def locate_facets(facets, cells, element):
+def locate_facets(
+    facets: np.ndarray, cells: np.ndarray, element: Element
+) -> tuple[np.ndarray, np.ndarray]:
     """Return cell and local number, (F,) each, of the given facets; the lower cell of an interior
     one, -1 where there is none.
 
-    facets : (F, >= vertices) node numbers, the vertices first and in any order.
+    facets : (F, >= vertices) node numbers, the vertices first and in any order.  cells : (E, A).
     """
     queries = facets[:, : element.cell.facet_vertices]
     vertices = cells[:, element.facet_corners]

@@ -1,10 +1,14 @@
 """A mesh as a Gmsh file, regions and boundaries as physical groups."""
 
+import os
+
 import meshio
 import numpy as np
 
+from .mesh import Mesh
 
-def write_mesh(path, mesh):
+
+def write_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Write a `Mesh` as Gmsh 2.2 (text); `read_mesh` returns an equal one."""
     kind = mesh.element.meshio_name
     facet_kind = mesh.element.facet.meshio_name

@@ -23,16 +23,6 @@ from .hdf5 import read_attributes, write_slabs
 FOLDER = "fields"
 XDMF = "fields.xdmf"
 STEP = re.compile(r"\d{6,}\.h5")  # names of the files of a time
-TOPOLOGY = {
-    "T3": "Triangle",
-    "T6": "Triangle_6",
-    "Q4": "Quadrilateral",
-    "Q9": "Quadrilateral_9",
-    "T4": "Tetrahedron",
-    "T10": "Tetrahedron_10",
-    "H8": "Hexahedron",
-    "H27": "Hexahedron_27",
-}
 ATTRIBUTE_TYPE = {(): "Scalar", (3,): "Vector", (6,): "Tensor6"}
 
 
@@ -100,7 +90,7 @@ class FieldWriter:
 
     def _write_xdmf(self):
         grids = [
-            _grid(s, self.mesh.element.name, self.n_points, self.cells_shape)
+            _grid(s, self.mesh.element.xdmf_name, self.n_points, self.cells_shape)
             for s in self.snapshots
         ]
         text = XDMF_TEXT.format(grids="\n".join(grids))
@@ -166,14 +156,14 @@ XDMF_TEXT = """<?xml version="1.0" ?>
 """
 
 
-def _grid(snapshot, element, n_points, cells_shape):
+def _grid(snapshot, topology, n_points, cells_shape):
     mesh = f"{FOLDER}/mesh.h5"
     lines = [
         (
             f'<Grid Name="step {snapshot.step}" GridType="Uniform"><Time'
             f' Value="{snapshot.time:.17g}"/>'
         ),
-        f'<Topology TopologyType="{TOPOLOGY[element]}" NumberOfElements="{cells_shape[0]}">'
+        f'<Topology TopologyType="{topology}" NumberOfElements="{cells_shape[0]}">'
         f"{_item(f'{mesh}:/cells', cells_shape, 'Int', 8)}</Topology>",
         (
             "<Geometry"

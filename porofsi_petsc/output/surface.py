@@ -14,14 +14,6 @@ from ..mesh.topology import boundary_facets, group_rows
 from .fields import FOLDER
 from .hdf5 import read_attributes, read_slab
 
-SPLIT = {  # plane cells into triangles or quadrilaterals, by number of nodes
-    3: ((0, 1, 2),),
-    6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
-    4: ((0, 1, 2, 3),),
-    9: ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3)),
-}
-HALVES = ((0, 1, 2), (0, 2, 3))  # of a quadrilateral
-SPLIT_LINE = {2: ((0, 1),), 3: ((0, 2), (2, 1))}
 AZIMUTH = np.radians(-60.0)
 ELEVATION = np.radians(25.0)
 SHARP_EDGE = np.cos(np.radians(30.0))
@@ -32,7 +24,7 @@ class Surface:
     """Polygons and outline in the numbering of the points, with their projection to the plane of
     the picture.
 
-    points : (N, d) [m].  polygons : (P, 3) or (P, 4).
+    points : (N, d) [m].  polygons : (P, vertices of one).
     outline : (L, 2) edges of a plane domain, sharp edges of a solid one.
     cut : y [m] in front of which the elements of a solid domain are left out, so that its inside is
     seen; None in the plane.
@@ -50,7 +42,7 @@ class Surface:
 
     @cached_property
     def triangles(self) -> np.ndarray:
-        """Return the polygons, quadrilaterals cut in two, (T, 3)."""
+        """Return the polygons, cut from their first vertex, (T, 3)."""
         return _triangles(self.polygons)
 
     @cached_property
@@ -120,14 +112,15 @@ def surface_of(
     """
     boundary = _boundary(cells, element)
     if element.dim == 2:
-        return Surface(points, _split(cells, SPLIT), _split(boundary, SPLIT_LINE))
+        return Surface(points, _split(cells, element), _split(boundary, element.facet))
     depth = points[:, 1]
     cut = (depth.min() + depth.max()) / 2 if cut is None else cut
-    if cut >= depth.max():
+    centres = depth[cells].mean(axis=1)
+    if cut >= centres.max():
         cut = depth.min()
-    behind = cells[depth[cells].mean(axis=1) > cut]
-    outline = _sharp_edges(points, _triangles(_split(boundary, SPLIT)))
-    return Surface(points, _split(_boundary(behind, element), SPLIT), outline, cut)
+    behind = cells[centres > cut]
+    outline = _sharp_edges(points, _triangles(_split(boundary, element.facet)))
+    return Surface(points, _split(_boundary(behind, element), element.facet), outline, cut)
 
 
 def _boundary(cells, element):
@@ -136,13 +129,12 @@ def _boundary(cells, element):
 
 
 def _triangles(polygons):
-    if polygons.shape[1] == 3:
-        return polygons
-    return polygons[:, np.array(HALVES)].reshape(-1, 3)
+    fan = [(0, i, i + 1) for i in range(1, polygons.shape[1] - 1)]
+    return polygons[:, np.array(fan)].reshape(-1, 3)
 
 
-def _split(cells, table):
-    return cells[:, np.array(table[cells.shape[1]])].reshape(-1, len(table[cells.shape[1]][0]))
+def _split(cells, element):
+    return cells[:, np.array(element.polygons)].reshape(-1, len(element.polygons[0]))
 
 
 def _sharp_edges(points, triangles):

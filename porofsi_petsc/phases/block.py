@@ -44,7 +44,7 @@ class LinearBlock:
         coupled: Sequence[Coupled] = (),
     ) -> None:
         """Make the matrix of (slice of the elements, (E, A, m, A, m)) for all of them; coupled : on
-        all m unknowns.  The KSP sees it by `solver.refactor` or `solver.update` (collective).
+        all m unknowns.  `refactor` or `renewed` follows (collective).
         """
         if self.matrix is None:
             self.matrix = self._setup.new_matrix(self._prefix, self.mask)
@@ -58,6 +58,16 @@ class LinearBlock:
         self._coupled = tuple(term.where(free) for term in coupled if term.factor)
         if self.solver is None:
             self.solver = self._new_solver(self.matrix)
+
+    def renewed(self) -> None:
+        """Tell the KSP of new values; the reuse rule decides about the preconditioner."""
+        assert self.solver is not None  # after an assembly
+        self.solver.update()
+
+    def refactor(self) -> None:
+        """Tell the KSP of new values, for which the preconditioner is made anew."""
+        assert self.solver is not None  # after an assembly
+        self.solver.refactor()
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Return δ, zero where it is prescribed and outside of the domain; both (n_owned, m)

@@ -5,6 +5,8 @@ unknowns that both share.
 import numpy as np
 
 from ..errors import InputError
+from .elastic_solid import ElasticSolid
+from .free_fluid import FreeFluid
 
 
 class CondensedSolid:
@@ -17,7 +19,7 @@ class CondensedSolid:
     N solutions with the factored H_ss.
     """
 
-    def __init__(self, solid, fluid):
+    def __init__(self, solid: ElasticSolid, fluid: FreeFluid) -> None:
         """Take the two phases, which share the nodes of the interface (collective)."""
         self._solid = solid
         self._comm = solid.mesh.comm
@@ -26,16 +28,17 @@ class CondensedSolid:
         first = sum(counts[: self._comm.rank])
         self._own = slice(first, first + len(self._nodes))
         self.size = sum(counts)
-        self._stiffness = None
+        self._stiffness: np.ndarray  # by `renew`
 
     @property
-    def stiffness(self):
+    def stiffness(self) -> np.ndarray:
         """Return S, in the order of the ranks and of `FreeFluid.interface_unknowns` on each."""
         return self._stiffness
 
-    def renew(self):
+    def renew(self) -> None:
         """Condense the present tangent of the solid (collective)."""
-        if not self._solid.block.solver.direct:
+        solver = self._solid.block.solver
+        if solver is None or not solver.direct:
             raise InputError(
                 'coupling.interface = "condensed": received an iterative solver of the solid,'
                 " expected a factorization; leave out the options -solid_… or take"
@@ -50,7 +53,7 @@ class CondensedSolid:
         stiffness = np.linalg.inv((flexibility + flexibility.T) / 2)
         self._stiffness = (stiffness + stiffness.T) / 2
 
-    def force(self, displacement):
+    def force(self, displacement: np.ndarray) -> np.ndarray:
         """Return S times a displacement (n_owned, d) [m] on the nodes of the interface, (n_owned,
         d) [N] (collective).
         """

@@ -48,7 +48,7 @@ class ElasticSolid(SolidPhase):
         The force of a fluid is part of the residual; where the solid is held it is minus the
         reaction.
         """
-        return -sum(term for name, term in residual.terms.items() if name != "traction")
+        return -residual.without("traction")
 
     def take_velocity(self, gap: np.ndarray) -> None:
         """Move the nodes that are told their velocity so that a gap v_s - v on the collocation

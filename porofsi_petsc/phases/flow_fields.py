@@ -4,6 +4,8 @@ is made of them.
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..fem.domain import Domain
 from ..kernels.flow import FlowFields
 
@@ -19,7 +21,7 @@ class NodalFlow:
     domain: Domain
     nodal: FlowFields
 
-    def on(self, rows):
+    def on(self, rows: slice | np.ndarray) -> FlowFields:
         """Return the `FlowFields` of some elements."""
         *fields, b = self.nodal
-        return FlowFields(*(self.domain.gather(field, rows) for field in fields), b[rows])
+        return FlowFields(*[*(self.domain.gather(field, rows) for field in fields), b[rows]])

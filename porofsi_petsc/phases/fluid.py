@@ -350,7 +350,7 @@ class FluidPhase:
         )
         self._tangent_J = skeleton.configuration.J
         self._prepare_solver(skeleton, rates, fields)
-        self.block.solver.refactor()
+        self.block.refactor()
 
     def _block_tangents(self, skeleton, rates, fields, surfaces):
         """Yield (chunk, tangent (E, A, m, A, m)) of the block at given fields."""

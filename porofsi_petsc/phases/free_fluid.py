@@ -98,7 +98,7 @@ class FreeFluid(FluidPhase):
         Inside it is zero up to the solver's tolerance; on boundary nodes no stress is recovered
         (Gresho, Lee & Sani 1987).
         """
-        return -sum(term for name, term in momentum.terms.items() if name != "traction")
+        return -momentum.without("traction")
 
     @timed("residual")
     def interface_force(self, skeleton: MeshState) -> np.ndarray:

@@ -10,6 +10,11 @@ from ..linalg.low_rank import Coupled, padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .elastic_solid import ElasticSolid
+from .free_fluid import FreeFluid
+from .mesh_motion import MeshMotion
+from .residual import Residual
+from .transfer import Rates
 
 
 class InterfaceMixture:
@@ -24,7 +29,14 @@ class InterfaceMixture:
 
     prefix = "mixture_"
 
-    def __init__(self, solid, fluid, motion, interface, direct):
+    def __init__(
+        self,
+        solid: ElasticSolid,
+        fluid: FreeFluid,
+        motion: MeshMotion,
+        interface: np.ndarray,
+        direct: bool,
+    ) -> None:
         """Take the phases, the mesh motion, the interface (n_local,) bool, and the scheme."""
         self._solid = solid
         self._fluid = fluid
@@ -61,7 +73,9 @@ class InterfaceMixture:
             [np.where(in_solid, solid_setup.mask, of_mesh), fluid_setup.mask | outside]
         )
 
-    def correct(self, solid_residual, fluid_residuals, rates):
+    def correct(
+        self, solid_residual: Residual, fluid_residuals: tuple[Residual, Residual], rates: Rates
+    ) -> None:
         """Solve for the increments of both phases and add them to the trial states (collective)."""
         if not (self._linear and self._rates == rates):
             self._assemble(rates)
@@ -79,7 +93,7 @@ class InterfaceMixture:
         self._rates = rates
         self._fill(values, rates)
         self.block.assemble([(slice(None), values)], self._coupled(rates))
-        self.block.solver.update()
+        self.block.renewed()
 
     def _coupled(self, rates):
         """Return what couples whole surfaces, with v_f = v_s on the interface as in `_fill`."""

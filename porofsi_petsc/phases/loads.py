@@ -1,9 +1,14 @@
 """Loads inside the domain."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from ..fem.domain import Domain
+from ..fem.essential import Formula
 
-def body_acceleration(domain, expressions, t):
+
+def body_acceleration(domain: Domain, expressions: Mapping[int, Formula], t: float) -> np.ndarray:
     """Return b at the quadrature points, (E, Q, d) [m/s²], from dict component -> expression of the
     reference position.
     """

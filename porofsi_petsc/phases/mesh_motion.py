@@ -2,15 +2,20 @@
 reference configuration.
 """
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 
+from ..clock import Scheme
 from ..errors import ConvergenceError
-from ..fem.domain import Configuration
+from ..fem.domain import Configuration, Domain
 from ..fem.geometry import shape_quality
 from ..kernels import solid as kernel
 from ..linalg.stopwatch import timed
 from ..tensors import det_minus_one
 from .block import LinearBlock
+from .setup import MeshSetup
 from .transfer import MeshState
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any
@@ -39,7 +44,7 @@ class MeshMotion:
 
     prefix = "mesh_"
 
-    def __init__(self, setup, fluid_domain, with_hessian):
+    def __init__(self, setup: MeshSetup, fluid_domain: Domain, with_hessian: bool) -> None:
         """Take a `phases.setup.MeshSetup` and the domain of the fluid, which may go on into a
         porous solid.
 
@@ -57,11 +62,12 @@ class MeshMotion:
         self.a = np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._reference = Configuration.at(fluid_domain, self.mesh.X, with_hessian)
-        self._configuration = self._accepted = None
+        self._configuration: Configuration | None = None
+        self._accepted: Configuration | None = None
         self.block = LinearBlock(setup, self.prefix, setup.mask, setup.new_solver)
         self._stale = True
         self._t_end = 0.0
-        self.trail = []
+        self.trail: list[list[float]] = []
         self.smallest_ratio = self.worst_shape = 1.0
         self._watch(self._reference, self.mesh.X)
         volume = self.domain.reference.dV.sum(axis=1)
@@ -71,18 +77,18 @@ class MeshMotion:
         self._stiffness = (mean / volume) ** setup.stiffening
 
     @property
-    def moves(self):
+    def moves(self) -> bool:
         """Return whether the mesh moves at all."""
         return self.setup.moving_mesh
 
     @property
-    def squeezed(self):
+    def squeezed(self) -> bool:
         """Return whether an element has lost so much of its volume that it is the mesh which
         inverts, not the step.
         """
         return bool(self.trail) and self.trail[-1][1] < SQUEEZED
 
-    def set_initial(self, displacement, velocity):
+    def set_initial(self, displacement: np.ndarray, velocity: np.ndarray) -> None:
         """Set the mesh to displacement and velocity of the solid, both (n_local, d), extended; what
         is prescribed is at rest.
         """
@@ -91,13 +97,13 @@ class MeshMotion:
             self.v = self._extended_rate(velocity)
         self.reset()
 
-    def begin_step(self, scheme, t):
+    def begin_step(self, scheme: Scheme, t: float) -> None:
         """Start a step from the accepted level at time t."""
         self.scheme = scheme
         self._t_end = t + scheme.dt
         self._stale = self._stale or not self.setup.law.small_strain
 
-    def follow(self, displacement):
+    def follow(self, displacement: np.ndarray) -> None:
         """Take the solid's displacement at the end of the step, (n_local, d), and extend it."""
         if self.moves:
             self._u1 = self._extended(displacement, self._u1, self._t_end)
@@ -106,7 +112,7 @@ class MeshMotion:
 
     # -- what the fluid sees -----------------------------------------------------------------------
 
-    def skeleton(self):
+    def skeleton(self) -> MeshState:
         """Return the trial state on the collocation level; raises ConvergenceError when an element
         is inverted.
         """
@@ -121,13 +127,13 @@ class MeshMotion:
             self.moves,
         )
 
-    def accepted_skeleton(self):
+    def accepted_skeleton(self) -> MeshState:
         """Return the accepted state."""
         if self._accepted is None:
             self._accepted = self._configuration_at(self.u)
         return MeshState(self._accepted, self.v, self.v, self.u, self.moves)
 
-    def skeleton_at(self, u, v):
+    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return the state of a displacement and a velocity, both (n_local, d)."""
         return MeshState(self._configuration_at(u), v, v, u, self.moves)
 
@@ -263,7 +269,7 @@ class MeshMotion:
             domain.add(forces, chunk, vectors)
         return forces
 
-    def tangents(self):
+    def tangents(self) -> Iterator[tuple[slice, np.ndarray]]:
         """Return an iterator over (chunk, tangent (E, A, d, A, d)) of the law in the trial
         state.
         """
@@ -276,7 +282,7 @@ class MeshMotion:
     def _assemble(self, u):
         self.block.assemble(self._tangents(u))
         self._stale = False
-        self.block.solver.refactor()
+        self.block.refactor()
 
     def _stiffened(self):
         """Yield (chunk, G, dV times the stiffening)."""
@@ -291,7 +297,7 @@ class MeshMotion:
         """Return u at the end of the trial step, (n_local, d) [m]."""
         return self._u1
 
-    def accept(self):
+    def accept(self) -> None:
         """Make the trial state the accepted one; raises ConvergenceError, changing nothing, when an
         element is inverted.
         """
@@ -317,17 +323,17 @@ class MeshMotion:
         if min(ratios) < NOTED * (self.trail[-1][1] if self.trail else 1.0):
             self.trail = [*self.trail, [self._t_end, min(ratios)]]
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget the trial state."""
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
         self._configuration = self._accepted = None
 
-    def state(self):
+    def state(self) -> dict[str, np.ndarray]:
         """Return every array a restart needs, name -> (n_owned, d)."""
         n = self.mesh.n_owned
         return {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]}
 
-    def memory(self):
+    def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs beside the arrays."""
         return {
             "smallest_ratio": self.smallest_ratio,
@@ -335,7 +341,7 @@ class MeshMotion:
             "trail": self.trail,
         }
 
-    def load_state(self, arrays, memory):
+    def load_state(self, arrays: dict[str, np.ndarray], memory: dict[str, Any]) -> None:
         """Continue from `state` and `memory`."""
         self.smallest_ratio = memory["smallest_ratio"]
         self.worst_shape = memory["worst_shape"]

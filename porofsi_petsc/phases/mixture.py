@@ -1,12 +1,17 @@
 """Both phases in one matrix: the tangents of the monolithic Newton iterations."""
 
 import numpy as np
+from petsc4py import PETSc
 
 from ..linalg.fieldsplit import mixture_defaults
 from ..linalg.low_rank import padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .pore_fluid import PoreFluid
+from .residual import Residual
+from .skeleton import Skeleton
+from .transfer import Rates
 
 
 class QuasiDirectMixture:
@@ -29,7 +34,7 @@ class QuasiDirectMixture:
 
     prefix = "mixture_"
 
-    def __init__(self, solid, fluid):
+    def __init__(self, solid: Skeleton, fluid: PoreFluid) -> None:
         """Take the phases."""
         self._solid = solid
         self._fluid = fluid
@@ -38,7 +43,7 @@ class QuasiDirectMixture:
         self._mask = np.column_stack([solid.setup.dirichlet.mask, fluid.setup.mask[:, : d + 1]])
         self._free_velocity = ~self._mask[:, d : 2 * d]
         self._combined = self._free_velocity & ~self._mask[:, :d]
-        self.rates = None
+        self.rates: Rates | None = None
         self.block = LinearBlock(solid.setup, self.prefix, self._mask, self._new_solver)
         self._linear = solid.is_linear and fluid.is_linear
         self.mesh = solid.mesh
@@ -49,7 +54,9 @@ class QuasiDirectMixture:
         defaults = mixture_defaults(self._solid.setup.direct)
         return LinearSolver(matrix.mat, self.prefix, defaults, preconditioner=sweep)
 
-    def correct(self, solid_residual, fluid_residuals, rates):
+    def correct(
+        self, solid_residual: Residual, fluid_residuals: tuple[Residual, Residual], rates: Rates
+    ) -> None:
         """Solve for the increments of both phases and add them to the trial states (collective)."""
         if not (self._linear and self.rates == rates):
             self.assemble(rates)
@@ -80,7 +87,7 @@ class QuasiDirectMixture:
         return increment
 
     @timed("assembly")
-    def assemble(self, rates):
+    def assemble(self, rates: Rates) -> None:
         """Make the matrix of the trial state (collective)."""
         values = self._solid.setup.new_tangents(2 * self.mesh.dim + 1)
         self.rates = rates
@@ -88,7 +95,7 @@ class QuasiDirectMixture:
         self._combine(values)
         self._scale(values)
         self.block.assemble([(slice(None), values)], self._coupled(rates))
-        self.block.solver.update()
+        self.block.renewed()
 
     def _coupled(self, rates):
         """Return what couples whole surfaces of the skeleton; its rows and columns have no other
@@ -139,17 +146,17 @@ class QuasiDirectMixture:
         values *= self._rows[:, None, None] * self._columns
 
     @property
-    def force_per_rate(self):
+    def force_per_rate(self) -> float:
         """Return the weight of the volume balance in forces [N s/m³]."""
         return self._rows[-1]
 
-    def to_forces(self, vector):
+    def to_forces(self, vector: np.ndarray) -> np.ndarray:
         """Return a right-hand side in [N] and [m³/s], (n_owned, 2 d + 1), from the array of a
         vector of the solver.
         """
         return vector.reshape(-1, len(self._rows)) / self._rows
 
-    def to_solver(self, increment):
+    def to_solver(self, increment: np.ndarray) -> np.ndarray:
         """Return the array of a vector of the solver from an increment of (y, w, p), (n_owned, 2 d
         + 1).
         """
@@ -180,7 +187,7 @@ class PhaseSweep:
     phases' own solvers, options -fluid_ and -solid_.
     """
 
-    def __init__(self, mixture, solid, fluid):
+    def __init__(self, mixture: QuasiDirectMixture, solid: Skeleton, fluid: PoreFluid) -> None:
         """Take the mixture, whose variables the vectors have, and the phases of the corrected
         split.
         """
@@ -188,13 +195,14 @@ class PhaseSweep:
         self._solid = solid
         self._fluid = fluid
 
-    def setUp(self, pc):
+    def setUp(self, pc: PETSc.PC) -> None:
         """Renew the tangents of both phases at the trial state (collective)."""
         rates = self._mixture.rates
+        assert rates is not None  # those of the matrix
         self._fluid.renew_tangent(rates, self._solid.skeleton())
         self._solid.renew_tangent(rates)
 
-    def apply(self, pc, x, y):
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the increments of a sweep with the right-hand side x (collective)."""
         mixture = self._mixture
         d = self._solid.mesh.dim

@@ -4,6 +4,8 @@ import numpy as np
 
 from ..fem.geometry import element_size_tensor
 from ..kernels import stabilization
+from .setup import FluidSetup
+from .transfer import MeshState, Rates
 
 
 class StabilizationParameters:
@@ -15,21 +17,25 @@ class StabilizationParameters:
     same step size.
     """
 
-    def __init__(self, setup):
+    def __init__(self, setup: FluidSetup) -> None:
         """Take a `phases.setup.FluidSetup`."""
         self._setup = setup
-        self._made_for = None
-        self.tau = self.nu_lsic = self._moved = self._compliance = None
+        self._made_for: Rates | None = None
+        self.tau: np.ndarray
+        self.nu_lsic: np.ndarray
+        self._moved: np.ndarray
+        self._compliance: np.ndarray
 
-    def update(self, dt, rates, skeleton, v):
+    def update(self, dt: float, rates: Rates, skeleton: MeshState, v: np.ndarray) -> None:
         """Evaluate for a step of size dt from velocity v (n_local, d) on the accepted skeleton."""
         setup = self._setup
         domain = self._setup.domain
         if not (setup.convection or setup.moving_mesh) and self._made_for == rates:
             return
+        first = self._made_for is None
         self._made_for = rates
         shape = (domain.n_cells, len(domain.mass.weights))
-        if self.tau is None:
+        if first:
             self.tau = np.empty(shape)
             self.nu_lsic = np.zeros(shape)
             self._moved = np.empty(shape)
@@ -51,7 +57,7 @@ class StabilizationParameters:
                 vertices = positions[domain.cells[chunk, : domain.element.n_vertices]]
                 self._set_undrained(chunk, material, configuration.J[chunk], rates, vertices)
 
-    def undrained(self, chunk):
+    def undrained(self, chunk: slice | np.ndarray) -> np.ndarray:
         """Return c_v τ_u of some elements, (E, Q, d, d) [m³ s/kg]."""
         return stabilization.undrained_tau(self._compliance[chunk], self._moved[chunk])
 

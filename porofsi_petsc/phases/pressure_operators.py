@@ -2,11 +2,17 @@
 anew with every tangent.
 """
 
+from collections.abc import Callable, Iterable
+from typing import Any
+
 import numpy as np
+from petsc4py import PETSc
 
 from ..fem.boundary import facet_masses, open_facets
 from ..kernels import pressure as kernel
 from ..linalg.convection_diffusion_pc import PressureConvectionDiffusion
+from ..linalg.matrix import ElementMatrix
+from .setup import FreeFluidSetup
 
 # γ of the resistance ρ h/γ of an element beside a surface: 16 takes the same iterations, 1 two or
 # three more.
@@ -23,13 +29,13 @@ class PressureOperators:
     1/ℓ² on top of the Laplacian, ℓ the size of the fluid, makes it regular.
     """
 
-    def __init__(self, setup):
+    def __init__(self, setup: FreeFluidSetup) -> None:
         """Find the open boundaries; the matrices come with the first operators (collective)."""
         self._setup = setup
         self.domain = setup.domain
         self.preconditioner = PressureConvectionDiffusion()
-        self._matrix = None
-        self._operators = {}
+        self._matrix: ElementMatrix | None = None
+        self._operators: dict[str, PETSc.Mat] = {}
         domain = self.domain
         self._rows, local = open_facets(domain, setup.solver_mask[:, : domain.dim])
         self._surface, _ = facet_masses(domain, self._rows, local)
@@ -37,7 +43,14 @@ class PressureOperators:
         self._on_interface = setup.no_slip[nodes].all(axis=1)
         self._extent = domain.sum_owned(domain.reference.dV.sum(axis=1)) ** (1 / domain.dim)
 
-    def assemble(self, chunks, c_f, speed, alpha, diagonal):
+    def assemble(
+        self,
+        chunks: Callable[[], Iterable[tuple[slice, Any, Any]]],
+        c_f: float,
+        speed: float,
+        alpha: float,
+        diagonal: np.ndarray,
+    ) -> None:
         """Make the operators of a tangent and give them to the preconditioner (collective).
 
         chunks : function that yields (slice, `FlowElements`, `FlowFields`) of all elements, once

@@ -1,10 +1,13 @@
 """A residual as the sum of named terms on the owned nodes of a rank."""
 
+import functools
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from mpi4py import MPI
 
 
-def euclidean_norms(comm, vectors):
+def euclidean_norms(comm: MPI.Comm, vectors: Sequence[np.ndarray | float]) -> np.ndarray:
     """Return the norms over all ranks of distributed vectors of any shapes, (len(vectors),), in one
     reduction (collective).
     """
@@ -18,49 +21,59 @@ class Residual:
     not count.
     """
 
-    def __init__(self, comm, terms, free):
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        terms: dict[str, np.ndarray],
+        free: Callable[[np.ndarray], np.ndarray],
+    ) -> None:
         """Store the terms; free(array) returns a copy whose prescribed rows are zero."""
         self._comm = comm
         self.terms = terms
         self._free = free
 
     @property
-    def total(self):
+    def total(self) -> np.ndarray:
         """Return the sum of the terms on free rows, (n_owned, k)."""
         return self._free(self.unconstrained)
 
     @property
-    def unconstrained(self):
+    def unconstrained(self) -> np.ndarray:
         """Return the sum of the terms on all rows, (n_owned, k): on prescribed ones minus the force
         that holds them.
         """
-        return sum(self.terms.values())
+        return functools.reduce(np.add, self.terms.values())
 
-    def vectors(self):
+    def without(self, name: str) -> np.ndarray:
+        """Return the sum of the terms but one on all rows, (n_owned, k)."""
+        terms = (term for other, term in self.terms.items() if other != name)
+        return functools.reduce(np.add, terms)
+
+    def vectors(self) -> list[np.ndarray]:
         """Return the total and the terms on free rows, each (n_owned, k)."""
         return [self.total, *map(self._free, self.terms.values())]
 
-    def norms(self):
+    def norms(self) -> tuple[float, float]:
         """Return (norm of the total, largest norm of a term), Euclidean over all ranks
         (collective).
         """
         total, *terms = euclidean_norms(self._comm, self.vectors())
         return total, max(terms)
 
-    def largest_force(self):
+    def largest_force(self) -> float:
         """Return the largest norm of a term over all rows and ranks, those of prescribed values
         included (collective).
         """
         return max(euclidean_norms(self._comm, list(self.terms.values())))
 
-    def power(self, velocity):
+    def power(self, velocity: np.ndarray) -> dict[str, float]:
         """Return name -> term · velocity over all rows and ranks, velocity (n_owned, k)
         (collective).
         """
         local = np.array([np.vdot(term, velocity) for term in self.terms.values()])
         return dict(zip(self.terms, self._comm.allreduce(local).tolist(), strict=True))
 
-    def reaction_power(self, velocity):
+    def reaction_power(self, velocity: np.ndarray) -> float:
         """Return the power of what holds the prescribed rows: (sum of terms - its free part) ·
         velocity (collective).
         """

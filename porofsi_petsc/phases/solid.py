@@ -404,7 +404,7 @@ class SolidPhase:
         self.block.assemble(
             self._block_tangents(u, configuration, rates, surfaces, before), surfaces.coupled
         )
-        self.block.solver.refactor()
+        self.block.refactor()
 
     def _block_tangents(self, u, configuration, rates, surfaces, before):
         """Yield (chunk, tangent (E, A, d, A, d)) of the block at u (n_local, d)."""

@@ -2,6 +2,7 @@
 it.
 """
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..fem.boundary import facet_areas, trace
 from ..kernels.solid import stress_load
 from ..kernels.surface import traction_load
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
+from .setup import FreeFluidSetup, PhaseSetup
 
 
 class State(NamedTuple):
@@ -40,7 +42,7 @@ class SurfaceForce:
     and a stress that the elements can represent is split exactly.  A phase says what its stress is.
     """
 
-    def __init__(self, setup, surfaces):
+    def __init__(self, setup: PhaseSetup, surfaces: Sequence[np.ndarray]) -> None:
         """Take the `PhaseSetup` and the facets of the surfaces, each (F, Af) nodes."""
         self._setup = setup
         self._domain = setup.domain
@@ -49,7 +51,7 @@ class SurfaceForce:
         self._find_rim(surfaces)
 
     @classmethod
-    def on(cls, setup, tags):
+    def on(cls, setup: PhaseSetup, tags: Iterable[str]) -> "SurfaceForce":
         """Return that on tagged surfaces."""
         return cls(setup, [setup.domain.mesh.facets[tag].nodes for tag in tags])
 
@@ -101,14 +103,14 @@ class SurfaceForce:
             held[..., condition.given.component] |= self._marked([facets])
         return held
 
-    def on_rank(self, state):
+    def on_rank(self, state: State) -> np.ndarray:
         """Return the sum over the nodes of this rank, (d,) [N]."""
         force = state.residual[self._nodes]
         if len(self._rim):
             force[np.searchsorted(self._nodes, self._rim)] = self._split(state)
         return force.sum(axis=0)
 
-    def of_others(self, state):
+    def of_others(self, state: State) -> np.ndarray:
         """Return what other boundaries have in the residual on the surface, (n_owned, d) [N]."""
         others = np.zeros_like(state.residual)
         if len(self._rim):
@@ -177,7 +179,7 @@ class FluidForce(SurfaceForce):
     """The force of a free fluid, whose stress is that on the moved mesh."""
 
     @classmethod
-    def on_interface(cls, setup):
+    def on_interface(cls, setup: FreeFluidSetup) -> "FluidForce":
         """Return that on the interface with a solid."""
         cells = setup.domain.cells
         element = setup.domain.element

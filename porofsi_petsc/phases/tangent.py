@@ -1,7 +1,14 @@
 """When tangents are renewed, and what a restart needs to make the same lagged ones again."""
 
-import numpy as np
+from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from mpi4py import MPI
+
+from ..fem.distribute import LocalMesh
 from .transfer import Rates
 
 WEAR_FACTOR = 1.5
@@ -21,14 +28,14 @@ class TangentRule:
     its tangent only with the rates and stores no point.
     """
 
-    def __init__(self, linear):
+    def __init__(self, linear: bool) -> None:
         """Start without a tangent."""
         self._linear = linear
-        self.rates = None
-        self._point = {}
-        self._built_with = None
+        self.rates: Rates | None = None
+        self._point: dict[str, np.ndarray] = {}
+        self._built_with: int | None = None
 
-    def due(self, rates, iterations):
+    def due(self, rates: Rates, iterations: int) -> bool:
         """Return whether a new tangent is wanted at the start of a step; iterations are those of
         the last step, 0 at first.
         """
@@ -38,26 +45,28 @@ class TangentRule:
             self._built_with = iterations
         return not self._linear and iterations > WEAR_FACTOR * self._built_with + WEAR_OFFSET
 
-    def store(self, rates, fields):
+    def store(self, rates: Rates, fields: Mapping[str, np.ndarray]) -> None:
         """Remember the rates and the linearization point, name -> (n_local, ...)."""
         self.rates = rates
         self._built_with = None
         self._point = {} if self._linear else {name: field.copy() for name, field in fields.items()}
 
-    def forget(self):
+    def forget(self) -> None:
         """Make the next `due` true."""
         self.rates = None
 
-    def state(self, n_owned):
+    def state(self, n_owned: int) -> dict[str, np.ndarray]:
         """Return the linearization point on the owned nodes for a checkpoint."""
         return {f"tangent_{name}": field[:n_owned] for name, field in self._point.items()}
 
-    def memory(self):
+    def memory(self) -> dict[str, Any]:
         """Return the rates and the iteration count of the rule for a checkpoint."""
         rates = None if self.rates is None else [self.rates.c_f, self.rates.c_v, self.rates.c_a]
         return {"rates": rates, "built_with": self._built_with}
 
-    def load(self, arrays, memory, mesh):
+    def load(
+        self, arrays: Mapping[str, np.ndarray], memory: Mapping[str, Any], mesh: LocalMesh
+    ) -> dict[str, np.ndarray] | None:
         """Restore from a checkpoint; return the linearization point (empty for a linear phase),
         None without a tangent.
         """
@@ -74,6 +83,16 @@ class TangentRule:
         return self._point
 
 
+class Moving(Protocol):
+    """A phase as `Travel` sees it."""
+
+    mesh: LocalMesh
+    unknowns: np.ndarray
+
+    @property
+    def is_linear(self) -> bool: ...
+
+
 class Travel:
     """Say when the sweeps of full Newton want new tangents: where the trial state has moved since,
     or they are slow.
@@ -86,24 +105,25 @@ class Travel:
     needs none.  A linear problem renews them with the rates alone.
     """
 
-    def __init__(self, solid, fluid, comm):
+    def __init__(self, solid: Moving, fluid: Moving, comm: MPI.Comm) -> None:
         """Take the phases, whose trial states it looks at."""
         self._solid = solid
         self._fluid = fluid
         self._comm = comm
         self._linear = solid.is_linear and fluid.is_linear
-        self._rates = self._start = None
+        self._rates: Rates | None = None
+        self._start: tuple[np.ndarray, ...] | None = None
 
-    def begin_step(self):
+    def begin_step(self) -> None:
         """Forget the state of the last step's tangents."""
         if not self._linear:
             self._start = None
 
-    def forget(self):
+    def forget(self) -> None:
         """Ask for new tangents."""
         self._start = None
 
-    def are_stale(self, rates, contraction):
+    def are_stale(self, rates: Rates, contraction: float) -> bool:
         """Return whether the tangents are to be made anew at the trial state, as which it is then
         remembered (collective).
 

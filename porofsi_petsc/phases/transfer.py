@@ -27,7 +27,7 @@ class MeshState:
     moving_mesh: bool
 
     @property
-    def mesh_velocity(self):
+    def mesh_velocity(self) -> np.ndarray:
         """Return v_m, (n_local, d): the skeleton's velocity, or zero on a fixed mesh."""
         return self.velocity if self.moving_mesh else np.zeros_like(self.velocity)
 
@@ -59,13 +59,13 @@ class Rates:
     c_v: float
     c_a: float
 
-    def dragged_fraction(self, S, rho_f):
+    def dragged_fraction(self, S: np.ndarray, rho_f: np.ndarray) -> np.ndarray:
         """Return χ = S/(S + ρ_f c_f): the part of the fluid that the drag carries along (0 free, 1
         undrained).
         """
         return S / (S + rho_f * self.c_f)
 
-    def moving_inertia(self, S, rho_s, rho_f):
+    def moving_inertia(self, S: np.ndarray, rho_s: float, rho_f: np.ndarray) -> np.ndarray:
         """Return ρ_χ c_a = ρ_s c_a + χ ρ_f c_f c_v [kg/(m³ s²)], the inertia that a compression
         wave moves.
         """

@@ -109,7 +109,7 @@ def sector(cells: int, order: int, dim: int, radius: float = RADIUS) -> Mesh:
     planes x0, y0, z0, and the surface.
     """
     corner, elements = _kuhn(cells, dim)
-    family = FAMILIES["triangle" if dim == 2 else "tetrahedron"]
+    family = FAMILIES[dim]["triangle" if dim == 2 else "tetrahedron"]
     linear, element = family[0], family[order - 1]
     cell, local = boundary_facets(elements, linear)
     vertices = corner[cell_facets(elements, linear)[cell, local]]

@@ -1,9 +1,11 @@
 """Run the channel scenes of Turek and Hron on several meshes and write computed values beside the
 published ones.
 
-CASE : cfd1 cfd2 cfd3 csm1 csm2 csm3 fsi1 fsi2 fsi3.  Meshes and runs go to results/hron_turek, the
+CASE : cfd1 cfd2 cfd3 csm1 csm2 csm3 fsi1 fsi2 fsi3.  Orders are those of triangles; Q1 and Q2 are
+quadrilaterals in blocks, Q4 and Q9.  Meshes and runs go to results/hron_turek, the
 tables to DIR, which is docs/studies.  Rows that are in the table already are kept: a study that was
-stopped goes on.  The meshes need gmsh.  A list that starts with level -1 is written --levels=-1,0.
+stopped goes on.  The meshes of triangles need gmsh.  A list that starts with level -1 is written
+--levels=-1,0.
 """
 
 import csv
@@ -33,6 +35,7 @@ DIRECT = (  # on every mesh: costs that compare
 )
 PART = {"cfd": "fluid", "csm": "solid", "fsi": "both"}
 KEYS = ("order", "level")
+QUADRILATERALS = {"Q1": "Q4", "Q2": "Q9"}
 COSTS = ("unknowns", "steps", "sweeps", "seconds")
 NAMES = {
     "body.f_x": "drag [N/m]",
@@ -51,10 +54,10 @@ STATISTICS = {
 
 @dataclass(frozen=True)
 class Case:
-    """A scene on a mesh of a level and an order, with changes (KEY=VALUE texts)."""
+    """A scene on a mesh of a level and an order (1, 2, Q1, Q2), with changes (KEY=VALUE texts)."""
 
     name: str
-    order: int
+    order: str
     level: int
     changes: tuple
 
@@ -66,17 +69,23 @@ class Case:
     @property
     def label(self):
         """Return a few words for the progress."""
-        return f"{self.name} P{self.order} level {self.level}"
+        return f"{self.name} {in_short(self.order)} level {self.level}"
 
     def mesh(self):
         """Return the mesh file, made when it is not there."""
         part = PART[self.name[:3]]
-        path = SCRATCH / f"{part}_{self.level}_p{self.order}.msh"
+        path = SCRATCH / f"{part}_{self.level}_{in_short(self.order).lower()}.msh"
         if not path.is_file():
-            options = {"level": self.level, "order": self.order, "part": part, "output": path}
+            options = {"level": self.level, "part": part, "output": path}
+            if self.order in QUADRILATERALS:
+                script = "hron_turek_blocks"
+                options["element"] = QUADRILATERALS[self.order]
+            else:
+                script = "hron_turek"
+                options["order"] = self.order
             words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
             subprocess.run(
-                [sys.executable, "-m", "mesh.hron_turek", *words],
+                [sys.executable, "-m", f"mesh.{script}", *words],
                 env=launching.environment(),
                 check=True,
             )
@@ -87,7 +96,7 @@ class Case:
         part of the study.
         """
         scene = load_scene(f"hron_turek_{self.name}", (*self.changes, f"mesh.path={self.mesh()}"))
-        directory = SCRATCH / f"{self.name}_{self.level}_p{self.order}"
+        directory = SCRATCH / run_name(self.name, self.level, self.order)
         failure = ""
         try:
             summary = run(scene, directory, force=True, quiet=True, petsc_options=self.solvers())
@@ -134,6 +143,16 @@ def quantity(expectation):
 # -- what the rows say -----------------------------------------------------------------------------
 
 
+def in_short(order):
+    """Return P and the order of triangles, or the word for quadrilaterals."""
+    return order if order in QUADRILATERALS else f"P{order}"
+
+
+def run_name(case, level, order):
+    """Return the name of a run, which begins those of its files."""
+    return f"{case}_{level}_{in_short(order).lower()}"
+
+
 def in_words(name):
     """Return the heading of a column `quantity statistic`."""
     column, statistic = name.split()
@@ -169,7 +188,7 @@ def table_of(rows, expectations):
     header += [word for name in names for word in (in_words(name), "error")]
     body = []
     for row in rows:
-        cells = [f"P{row['order']}", row["level"], *(row[cost] for cost in COSTS)]
+        cells = [in_short(row["order"]), row["level"], *(row[cost] for cost in COSTS)]
         for name, expectation in zip(names, expectations, strict=True):
             cells += (
                 [row[name], f"{100 * error(row[name], expectation):.2g} %"]
@@ -200,7 +219,9 @@ def limits_table(rows, expectations):
                 if q is None
                 else [f"{limit:.7g}", f"{100 * error(limit, expectation):.2g} %"]
             )
-            body.append([f"P{order}", in_words(name), "none" if q is None else f"{q:.2f}", *found])
+            body.append(
+                [in_short(order), in_words(name), "none" if q is None else f"{q:.2f}", *found]
+            )
     header = ["element", "quantity", "observed order", "extrapolated", "error"]
     return markdown(header, body) if body else "fewer than three levels"
 
@@ -242,12 +263,12 @@ def published_table(case, expectations):
 
 def history_path(case, row):
     """Return where the history of a periodic run is kept."""
-    return STUDIES / f"hron_turek_{case}_{row['level']}_p{row['order']}_history.csv"
+    return STUDIES / f"hron_turek_{run_name(case, row['level'], row['order'])}_history.csv"
 
 
 def keep_history(case, row, names):
     """Keep time, the columns of the expectations and the sweeps of a run in six digits, once."""
-    source = SCRATCH / f"{case}_{row['level']}_p{row['order']}" / "history.csv"
+    source = SCRATCH / run_name(case, row["level"], row["order"]) / "history.csv"
     target = history_path(case, row)
     if source.is_file() and not target.is_file():
         history = read_history(source)
@@ -269,7 +290,7 @@ def draw_histories(figure, rows, case, names):
                 history["t"][shown],
                 history[name][shown],
                 linewidth=0.8,
-                label=f"P{row['order']}, level {row['level']}",
+                label=f"{in_short(row['order'])}, level {row['level']}",
             )
             ax.set_ylabel(NAMES[name])
     axes[-1].set_xlabel("t [s]")
@@ -282,8 +303,8 @@ def draw(figure, rows, case, expectations):
     axes = figure.subplots(1, len(expectations), squeeze=False)[0]
     for ax, expectation in zip(axes, expectations, strict=True):
         name = quantity(expectation)
-        for order, marker in ((1, "o-"), (2, "s-")):
-            mine = [row for row in rows if row["order"] == str(order) and row[name]]
+        for order, marker in (("1", "o-"), ("2", "s-"), ("Q1", "D-"), ("Q2", "v-")):
+            mine = [row for row in rows if row["order"] == order and row[name]]
             if mine:
                 errors = [error(row[name], expectation) for row in mine]
                 ax.loglog(
@@ -291,7 +312,7 @@ def draw(figure, rows, case, expectations):
                     errors,
                     marker,
                     markersize=4,
-                    label=f"P{order}",
+                    label=in_short(order),
                 )
         peer = {
             mesh[1]: error(values[name], expectation)
@@ -328,10 +349,11 @@ def study(case, options):
     scene = load_scene(f"hron_turek_{case}")
     names = [quantity(e) for e in scene.expect]
     table = Table(options.output / f"hron_turek_{case}.csv", KEYS, (*COSTS, *names, "failure"))
-    orders, levels = (
-        [int(word) for word in text.split(",")] for text in (options.orders, options.levels)
-    )
-    cases = [Case(case, order, level, tuple(options.set)) for order in orders for level in levels]
+    cases = [
+        Case(case, order, int(level), tuple(options.set))
+        for order in options.orders.split(",")
+        for level in options.levels.split(",")
+    ]
     rows = sweep(table, cases, Case.run)
     steady = all(e.statistic == "final" for e in scene.expect)
     signals = list(dict.fromkeys(e.quantity for e in scene.expect))
@@ -349,7 +371,7 @@ def study(case, options):
         limits=limits_table(rows, scene.expect),
         published=published_table(case, scene.expect),
         failed="\n".join(
-            f"- P{row['order']} level {row['level']}: {row['failure']}"
+            f"- {in_short(row['order'])} level {row['level']}: {row['failure']}"
             for row in rows
             if row["failure"]
         )
@@ -388,7 +410,7 @@ def main():
     names = [f"{kind}{number}" for kind in PART for number in (1, 2, 3)]
     parser.add_argument("case", nargs="+", choices=names, metavar="CASE", help=", ".join(names))
     parser.add_argument("--levels", default="0,1,2", help="of the mesh, coarse to fine")
-    parser.add_argument("--orders", default="1,2", help="of the elements")
+    parser.add_argument("--orders", default="1,2", help="of the elements: 1, 2, Q1, Q2")
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="a change of the scene"
     )

@@ -4,13 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import flow
+from porofsi_petsc.materials import ELASTIC
 
 # Central differences of step h lose h² of truncation and eps/h of round-off: about 1e-9 relative at
 # h = 1e-6 of the scale.
 FD_STEP = 1e-6
 FD_TOLERANCE = 2e-7
+# Elements and laws: a loop asks the law for the stress at a point, whatever the element.
+ON_ELEMENTS = [
+    (name, law)
+    for name in ELEMENTS
+    for law in ELASTIC
+    if name in ("T3", "T4") or law == "neo_hookean"
+]
 
 
 def central_difference(function, x):

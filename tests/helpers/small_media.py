@@ -24,6 +24,10 @@ MESHES = {
     "T6": ("pulse2d", (*PLANE, "mesh.order=2")),
     "Q4": ("pulse2d", (*PLANE, "mesh.order=1", *QUADRILATERAL)),
     "Q9": ("pulse2d", (*PLANE, "mesh.order=2", *QUADRILATERAL)),
+    "Q8": (
+        "pulse2d",
+        (*PLANE, "mesh.order=2", "mesh.cell_type=serendipity", "mesh.diagonal=right"),
+    ),
     "T4": (BLOCK3D, SPACE),
     "T10": (BLOCK3D, (*SPACE, "mesh.order=2")),
     "H8": (BLOCK3D, (*SPACE, "mesh.cell_type=hexahedron")),
