@@ -1,17 +1,19 @@
 """Section [mesh]: a graded rectangle, a graded box or a mesh file."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from ..errors import shown
-from .types import Count, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
+from .types import Count, Flag, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
 
 SIDES = {
     2: ("left", "right", "bottom", "top"),
     3: ("left", "right", "front", "back", "bottom", "top"),
 }
+
+SECTION = "expected a plane mesh, the section of the body in x = r and y = z; leave it out"
 
 
 class Axis(Table):
@@ -115,9 +117,12 @@ class Generated(Table):
 
 
 class Rectangle(Generated):
-    """A graded rectangle of triangles or quadrilaterals."""
+    """A graded rectangle of triangles or quadrilaterals; axisymmetric: x is the distance from the
+    axis.
+    """
 
     kind: Literal["rectangle"]
+    axisymmetric: Flag = False
     x: Axis
     y: Axis
     cell_type: Literal["triangle", "quadrilateral"] = "triangle"
@@ -148,6 +153,16 @@ class Box(Generated):
     z: Axis
     cell_type: Literal["tetrahedron", "hexahedron"] = "tetrahedron"
 
+    axisymmetric: ClassVar[bool] = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_no_section(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "axisymmetric" in data:
+            received = shown(data["axisymmetric"])
+            raise wrong(f"received {received} in three dimensions, {SECTION}", "axisymmetric")
+        return data
+
     @property
     def dim(self) -> int:
         """Return 3."""
@@ -167,6 +182,13 @@ class MeshFile(Table):
     kind: Literal["file"]
     path: Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
     dim: Literal[2, 3]
+    axisymmetric: Flag = False
+
+    @model_validator(mode="after")
+    def _sections_are_plane(self):
+        if self.axisymmetric and self.dim == 3:
+            raise wrong(f"received true in three dimensions, {SECTION}", "axisymmetric")
+        return self
 
 
 MeshSection = Annotated[Rectangle | Box | MeshFile, Field(discriminator="kind")]
