@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..elements import Element
+from ..elements import ELEMENTS, Element
 from ..kernels.surface import (
     facet_normal,
     pressure_load,
@@ -75,12 +75,13 @@ class InterfaceMass:
     """The mass of the facets that a domain shares with another: rows (F,) of its elements, terms
     (F, A, A) = ∮ N_a N_b dA.
 
-    area : on all ranks [m^(d-1)]
+    area : on all ranks [m^(d-1)]; extent : the same, around an axis the length of its section [m]
     """
 
     rows: np.ndarray
     terms: np.ndarray
     area: float
+    extent: float
 
     @classmethod
     def between(cls, domain: Domain, other: Domain, tags: Iterable[str] = ()) -> InterfaceMass:
@@ -91,7 +92,11 @@ class InterfaceMass:
         """
         rows, local = interface_facets(domain, other, tags)
         terms, areas = facet_masses(domain, rows, local)
-        return cls(rows, terms, domain.mesh.comm.allreduce(float(areas[domain.owned[rows]].sum())))
+        nodes = domain.cells[rows[:, None], np.array(domain.element.facets)[local]]
+        plane = facet_areas(ELEMENTS[domain.element.name], domain.mesh.X[nodes])
+        owned = domain.owned[rows]
+        sums = (domain.mesh.comm.allreduce(float(part[owned].sum())) for part in (areas, plane))
+        return cls(rows, terms, *sums)
 
     def add_to(self, values: np.ndarray, alpha: float, chunk: slice, dim: int) -> None:
         """Add α times the terms to the components i < dim of the tangents (E, A, m, A, m) of a

@@ -241,8 +241,8 @@ class InterfaceBuilder(Builder):
             rho_s,
             rho_f,
             volume / mass.area,
-            mass.area**power,
-            (mass.area / facets) ** power,
+            mass.extent**power,
+            (mass.extent / facets) ** power,
         )
         return Conditions(self._pair, interface, choice.robin, self._masses)
 
