@@ -55,7 +55,7 @@ def tube(length=LENGTH, cells=((3, 2), 2), **tables):
         "kind": "rectangle",
         "axisymmetric": True,
         "order": 2,
-        "cell_type": "quadrilateral",
+        "diagonal": "alternating",
         "x": {"points": [0.0, INNER, OUTER], "cells": list(cells[0])},
         "y": {"points": [0.0, length], "cells": [cells[1]]},
         "regions": [{"name": "wall", "x": [INNER, OUTER]}, {"name": "fluid", "x": [0.0, INNER]}],
@@ -88,8 +88,9 @@ def at_rest(coupling):
 
 def assert_exact(coupling):
     u, p = at_rest(coupling)
-    assert np.abs(u / bulge() - 1).max() < 1e-5  # of two quadratic elements over the wall
-    assert np.abs(p * (1 + bulge() / INNER) ** 2 / PRESSURE - 1).max() < 1e-5
+    # of two layers of quadratic elements over the wall, whose lengths make it a little uneven
+    assert np.abs(u / bulge() - 1).max() < 3e-4
+    assert np.abs(p * (1 + bulge() / INNER) ** 2 / PRESSURE - 1).max() < 3e-4
     assert np.abs(coupling.fluid.v).max() < 1e-4 * PRESSURE * INNER / 3e-3
 
 
@@ -104,9 +105,7 @@ def test_a_tube_under_pressure_widens_as_lame(scheme):
 def test_a_tube_of_two_meshes_widens_as_lame(tmp_path):
     """Sides with nodes of their own, four cells of the fluid beside two of the wall."""
     inner, outer = (
-        rectangle(
-            axis(*x, cells=[n]), axis(0.0, LENGTH, cells=[m]), 2, "right", (), (), "quadrilateral"
-        )
+        rectangle(axis(*x, cells=[n]), axis(0.0, LENGTH, cells=[m]), 2, "alternating")
         for x, n, m in (((0.0, INNER), 3, 4), ((INNER, OUTER), 2, 2))
     )
     wet = renamed(inner, "fluid", left="axis", bottom="low", top="high", right="wet_fluid")
@@ -184,7 +183,7 @@ def test_newtons_iteration_converges_quadratically():
     hoop terms included, is left out.
     """
     _, errors = directly_coupled()
-    pairs = [(a, b) for a, b in zip(errors, errors[1:], strict=False) if a < 0.1 and b > 1e-10]
+    pairs = [(a, b) for a, b in zip(errors, errors[1:], strict=False) if a < 0.2 and b > 1e-12]
     print(errors)
     assert len(pairs) > 1 and all(b < 10 * a**2 for a, b in pairs)
 
