@@ -8,7 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from grids import grid
-from kernel_states import FD_TOLERANCE, central_difference, distorted, free_chunk, relative
+from kernel_states import (
+    FD_TOLERANCE,
+    RINGS,
+    SHAPES,
+    central_difference,
+    distorted,
+    free_chunk,
+    relative,
+)
 
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
@@ -25,10 +33,10 @@ def joined(el, fields):
 
 @pytest.mark.parametrize("convection", [False, True])
 @pytest.mark.parametrize("mu", [0.0, 0.7])
-@pytest.mark.parametrize("name", ELEMENTS)
+@pytest.mark.parametrize("name", SHAPES)
 def test_flow_tangent_is_the_derivative(name, mu, convection):
     rng = np.random.default_rng(11)
-    element = ELEMENTS[name]
+    element = SHAPES[name]
     d = element.dim
     c_f = 1.3
     el, z = free_chunk(element, rng, mu, convection)
@@ -48,13 +56,13 @@ def test_flow_tangent_is_the_derivative(name, mu, convection):
 
 
 @pytest.mark.parametrize("convection", [False, True])
-@pytest.mark.parametrize("name", ELEMENTS)
+@pytest.mark.parametrize("name", SHAPES)
 def test_tangents_of_a_flow_through_a_solid_are_the_derivatives(name, convection):
     """With the drag of a porous solid: by (v, p), and by the solid's positions through v_s
     alone.
     """
     rng = np.random.default_rng(16)
-    el, z = free_chunk(ELEMENTS[name], rng, 0.7, convection)
+    el, z = free_chunk(SHAPES[name], rng, 0.7, convection)
     el, v_s, d, c_v = (
         replace(el, S=el.rho + 1.0),
         rng.standard_normal(z["v"].shape),
@@ -77,10 +85,10 @@ def test_tangents_of_a_flow_through_a_solid_are_the_derivatives(name, convection
 
 
 @pytest.mark.parametrize("convection", [False, True])
-@pytest.mark.parametrize("name", ELEMENTS)
+@pytest.mark.parametrize("name", SHAPES)
 def test_mesh_velocity_tangent_is_the_derivative(name, convection):
     rng = np.random.default_rng(15)
-    el, z = free_chunk(ELEMENTS[name], rng, 0.7, convection)
+    el, z = free_chunk(SHAPES[name], rng, 0.7, convection)
     c_m = 1.7
     v = z["v"]
 
@@ -98,12 +106,12 @@ def test_mesh_velocity_tangent_is_the_derivative(name, convection):
 
 @pytest.mark.parametrize("convection", [False, True])
 @pytest.mark.parametrize("mu", [0.0, 0.7])
-@pytest.mark.parametrize("name", ELEMENTS)
+@pytest.mark.parametrize("name", SHAPES)
 def test_shape_tangent_is_the_derivative(name, mu, convection):
     """By the nodal positions at given nodal values, stabilization parameters and body force
     frozen.
     """
-    element = ELEMENTS[name]
+    element = SHAPES[name]
     el, z = free_chunk(element, np.random.default_rng(16), mu, convection)
     x = distorted(element, np.random.default_rng(16))
     rule = Rule.of(element, 2 * element.order)
@@ -249,3 +257,33 @@ def test_exact_shear_flow_leaves_the_exact_traction_on_the_boundary(name):
     # round-off of stresses of order one, and of the strong residual times τ of order one
     assert np.abs(residual[:, :-1] - traction).max() < 1e-12 * scale
     assert np.abs(residual[:, -1]).max() < 1e-12 * scale
+
+
+@pytest.mark.parametrize("name", RINGS)
+def test_the_viscous_force_around_an_axis_has_its_hoop_part(name):
+    """div(2 μ sym ∇v) of v = (r, 3 r), and of second order v = (r + r z + 0.4 r², 3 r), in the
+    strong residual, which has nothing else: [∂_r τ_rr + ∂_z τ_rz + (τ_rr - τ_θθ)/r, ∂_r τ_rz + ∂_z
+    τ_zz + τ_rz/r].
+    """
+    element = RINGS[name]
+    quadratic = element.order == 2
+    el, z = free_chunk(element, np.random.default_rng(17), 0.7, False)
+    X = element.node_coordinates[None] * [1.0, 0.8] + [0.3, 0.2]
+    rule = Rule.of(element, 2 * element.order)
+    current = geometry(rule, X)
+    chunk = replace(
+        el,
+        **{name: getattr(el, name)[:1] for name in ("n", "rho", "tau", "tau_supg", "nu_lsic")},
+        geometry=current,
+        second=SecondDerivatives.at(rule, X, current, None),
+    )
+    x, y = X[0].T
+    v = np.column_stack([x + quadratic * x * y + 0.4 * x**2 * quadratic, 3 * x])[None]
+    nothing = np.zeros_like(v)
+    fields = flow.FlowFields(
+        v, nothing, v, None, nothing[..., 0], None, np.zeros((1, len(rule.weights), 2))
+    )
+    found = flow.flow_points(chunk, fields).residual[0]
+    r = rule.N @ x
+    exact = -0.7 * np.column_stack([quadratic * (1.6 + 0.8) + 0 * r, 3 / r + quadratic * 2.0])
+    assert np.abs(found - exact).max() < 1e-12 * np.abs(exact).max()

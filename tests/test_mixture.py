@@ -5,7 +5,17 @@ what Newton makes of them.
 import numpy as np
 import pytest
 from mpi4py import MPI
-from small_media import BRINKMAN, DARCY, FD_STEP, FD_TOLERANCE, MESHES, VARIABLE, dense, in_motion
+from small_media import (
+    BRINKMAN,
+    DARCY,
+    FD_STEP,
+    FD_TOLERANCE,
+    MESHES,
+    RINGS,
+    VARIABLE,
+    dense,
+    in_motion,
+)
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.simulation.loop import Clock
@@ -98,6 +108,13 @@ def block_errors(coupling, rates):
 @pytest.mark.parametrize("mesh", MESHES)
 def test_direct_tangent_is_the_derivative_of_both_residuals(mesh, options):
     errors = block_errors(*in_motion(mesh, *options, "coupling.scheme=direct"))
+    assert max(errors.values()) < FD_TOLERANCE, errors
+
+
+@pytest.mark.parametrize("options", ["Darcy", "Brinkman, variable"])
+@pytest.mark.parametrize("mesh", RINGS)
+def test_direct_tangent_around_an_axis_is_the_derivative(mesh, options):
+    errors = block_errors(*in_motion(mesh, *OPTIONS[options], "coupling.scheme=direct"))
     assert max(errors.values()) < FD_TOLERANCE, errors
 
 

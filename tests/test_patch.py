@@ -17,7 +17,8 @@ from porofsi_petsc.mesh.topology import boundary_facets, cell_facets
 from porofsi_petsc.registry import examples
 
 ROUND_OFF = 1e-13  # of sums of a few hundred terms, over the largest of them
-FINITE_STRAIN = [(name, law) for name, law in ON_ELEMENTS if not ELASTIC[law].small_strain]
+WITHOUT_RINGS = [(name, law) for name, law in ON_ELEMENTS if name in ELEMENTS]
+FINITE_STRAIN = [(name, law) for name, law in WITHOUT_RINGS if not ELASTIC[law].small_strain]
 
 
 class Block:
@@ -55,7 +56,7 @@ def block(request):
     return Block(request.param)
 
 
-@pytest.mark.parametrize("block, law", ON_ELEMENTS, indirect=["block"], scope="module")
+@pytest.mark.parametrize("block, law", WITHOUT_RINGS, indirect=["block"], scope="module")
 def test_a_linear_displacement_is_in_balance_at_inner_nodes(block, law):
     d = block.element.dim
     law = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4, **examples(ELASTIC[law]))

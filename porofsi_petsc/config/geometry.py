@@ -1,13 +1,13 @@
 """Section [mesh]: a graded rectangle, a graded box or a mesh file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from ..elements import FAMILIES
 from ..errors import shown
-from .types import Count, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
+from .types import Count, Flag, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
 
 SIDES = {
     2: ("left", "right", "bottom", "top"),
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     SolidCells = str
 else:
     PlaneCells, SolidCells = (Literal[tuple(FAMILIES[dim])] for dim in (2, 3))
+
+SECTION = "expected a plane mesh, the section of the body in x = r and y = z; leave it out"
 
 
 class Axis(Table):
@@ -121,9 +123,12 @@ class Generated(Table):
 
 
 class Rectangle(Generated):
-    """A graded rectangle of triangles or quadrilaterals."""
+    """A graded rectangle of triangles or quadrilaterals; axisymmetric: x is the distance from the
+    axis.
+    """
 
     kind: Literal["rectangle"]
+    axisymmetric: Flag = False
     x: Axis
     y: Axis
     cell_type: PlaneCells = "triangle"
@@ -154,6 +159,16 @@ class Box(Generated):
     z: Axis
     cell_type: SolidCells = "tetrahedron"
 
+    axisymmetric: ClassVar[bool] = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_no_section(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "axisymmetric" in data:
+            received = shown(data["axisymmetric"])
+            raise wrong(f"received {received} in three dimensions, {SECTION}", "axisymmetric")
+        return data
+
     @property
     def dim(self) -> int:
         """Return 3."""
@@ -173,6 +188,13 @@ class MeshFile(Table):
     kind: Literal["file"]
     path: Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
     dim: Literal[2, 3]
+    axisymmetric: Flag = False
+
+    @model_validator(mode="after")
+    def _sections_are_plane(self):
+        if self.axisymmetric and self.dim == 3:
+            raise wrong(f"received true in three dimensions, {SECTION}", "axisymmetric")
+        return self
 
 
 MeshSection = Annotated[Rectangle | Box | MeshFile, Field(discriminator="kind")]

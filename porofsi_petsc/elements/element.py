@@ -4,7 +4,7 @@ An element that is added is one class of shape functions, or one line of a class
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,6 +89,8 @@ class Element(ABC):
     meshio_name, xdmf_name : what it is called in mesh files and in XDMF
     facets : local nodes of every facet in the order of the nodes of `facet`, the element of one
     dimension less (outward orientation; None on a line, where nobody asks for it)
+    axisymmetric : whether a plane element stands for the ring that it makes around the axis x = 0,
+    with coordinates (r, z)
     """
 
     name: str
@@ -98,6 +100,19 @@ class Element(ABC):
     xdmf_name: str
     facets: tuple
     facet: "Element"
+    axisymmetric: bool = False
+
+    def around_axis(self) -> "Element":
+        """Return the same plane element, or line, as a ring."""
+        facet = self.facet.around_axis() if self.dim > 1 else self.facet
+        return replace(self, facet=facet, axisymmetric=True)
+
+    @property
+    def has_constant_gradients(self) -> bool:
+        """Return whether gradients of vectors are constant over every element: the hoop strain
+        u_r/r of a ring is not.
+        """
+        return self.is_affine and not self.axisymmetric
 
     @property
     def dim(self) -> int:

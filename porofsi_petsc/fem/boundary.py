@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..elements import Element
+from ..elements import ELEMENTS, Element
 from ..kernels.surface import (
     facet_normal,
     pressure_load,
@@ -18,7 +18,7 @@ from ..mesh.topology import boundary_facets, cell_facets, locate_facets
 from ..tensors import inverse
 from .distribute import LocalMesh
 from .domain import Domain
-from .geometry import Rule
+from .geometry import Rule, facet_measure
 
 # Penalty of Nitsche's method over the bound of the trace inequality, `Element.trace_constant`: on a
 # simplex of order k (k + 1)(k + d)/d A/V.  The exact one is n·M⁻¹n of the mass behind
@@ -61,12 +61,12 @@ def trace(
     coordinates : (F, A, d) of the nodes of the elements
     """
     facet = element.facet
-    points, weights = facet.cell.quadrature(2 * element.order)
+    rule = Rule.of(facet, 2 * element.order + element.axisymmetric)
     corners = list(nodes[: element.cell.facet_vertices])
-    xi = facet.cell.vertex_functions(points) @ element.node_coordinates[corners]
+    xi = facet.cell.vertex_functions(rule.points) @ element.node_coordinates[corners]
     dN = element.gradient(xi)
     jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ dN
-    normal = facet_normal(facet.gradient(points), weights, coordinates[:, list(nodes)])
+    normal = facet_measure(rule, coordinates[:, list(nodes)])
     return element.shape(xi), dN @ inverse(jacobian)[0], normal
 
 
@@ -75,12 +75,13 @@ class InterfaceMass:
     """The mass of the facets that a domain shares with another: rows (F,) of its elements, terms
     (F, A, A) = ∮ N_a N_b dA.
 
-    area : on all ranks [m^(d-1)]
+    area : on all ranks [m^(d-1)]; extent : the same, around an axis the length of its section [m]
     """
 
     rows: np.ndarray
     terms: np.ndarray
     area: float
+    extent: float
 
     @classmethod
     def between(cls, domain: Domain, other: Domain, tags: Iterable[str] = ()) -> InterfaceMass:
@@ -91,7 +92,11 @@ class InterfaceMass:
         """
         rows, local = interface_facets(domain, other, tags)
         terms, areas = facet_masses(domain, rows, local)
-        return cls(rows, terms, domain.mesh.comm.allreduce(float(areas[domain.owned[rows]].sum())))
+        nodes = domain.cells[rows[:, None], np.array(domain.element.facets)[local]]
+        plane = facet_areas(ELEMENTS[domain.element.name], domain.mesh.X[nodes])
+        owned = domain.owned[rows]
+        sums = (domain.mesh.comm.allreduce(float(part[owned].sum())) for part in (areas, plane))
+        return cls(rows, terms, *sums)
 
     def add_to(self, values: np.ndarray, alpha: float, chunk: slice, dim: int) -> None:
         """Add α times the terms to the components i < dim of the tangents (E, A, m, A, m) of a
@@ -132,7 +137,7 @@ class InterfacePressure:
 
     def _normals(self, displacement):
         x = (self._mesh.X + displacement)[self._nodes]
-        return facet_normal(self._rule.dN, self._rule.weights, x)
+        return facet_measure(self._rule, x)
 
     def turned(self, p: np.ndarray, displacement: np.ndarray) -> np.ndarray:
         """Return ∮ N_a p (n da - n dA) on the owned nodes, (n_owned, d) [N], n out of the fluid.
@@ -197,13 +202,13 @@ def facet_masses(
     """
     element = domain.element
     facet = domain.element.facet
-    rule = Rule.of(facet, 2 * element.order)
+    rule = Rule.of(facet, 2 * element.order + element.axisymmetric)
     terms = np.zeros((len(rows), element.nodes, element.nodes))
     areas = np.zeros(len(rows))
     for number, nodes in enumerate(element.facets):
         here = np.flatnonzero(local == number)
         coordinates = domain.mesh.X[domain.cells[rows[here]][:, list(nodes)]]
-        dA = np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1)
+        dA = np.linalg.norm(facet_measure(rule, coordinates), axis=-1)
         areas[here] = dA.sum(axis=1)
         terms[np.ix_(here, nodes, nodes)] = surface_mass(rule.N, dA, np.ones((len(here), 1)))
     return terms, areas
@@ -212,7 +217,7 @@ def facet_masses(
 def facet_areas(element: Element, coordinates: np.ndarray) -> np.ndarray:
     """Return the areas of facets with nodes at coordinates (F, Af, d), (F,) [m^(d-1)]."""
     rule = Rule.of(element.facet, 2 * element.order)
-    return np.linalg.norm(facet_normal(rule.dN, rule.weights, coordinates), axis=-1).sum(axis=1)
+    return np.linalg.norm(facet_measure(rule, coordinates), axis=-1).sum(axis=1)
 
 
 def has_facets(domain: Domain, tags: Iterable[str]) -> bool:

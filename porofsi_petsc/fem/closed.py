@@ -11,11 +11,10 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import IncompatibleData
-from ..kernels.surface import facet_normal
 from .distribute import LocalMesh
 from .domain import Domain
 from .essential import Dirichlet, Essential, Formula
-from .geometry import Rule
+from .geometry import Rule, facet_measure
 
 # Largest |∫ ∂_i N_a dV| of a free component i over ∫ |∂_i N_a| dV: a mesh file may have six digits.
 TIGHT = 1e-6
@@ -106,7 +105,8 @@ class ClosedPart:
     def _require(self, net, bound, t):
         if abs(net) <= bound:
             return
-        unit = "m²/s" if self._domain.dim == 2 else "m³/s"
+        plane = self._domain.dim == 2 and not self._domain.element.axisymmetric
+        unit = "m²/s" if plane else "m³/s"
         received = (
             f"received velocities that carry {abs(net):.6g} {unit}"
             f" {'out of' if net > 0 else 'into'} a fluid closed all around"
@@ -154,9 +154,7 @@ class _BoundaryData:
         for tag, of_tag in expressions.items():
             facets = mesh.facets[tag]
             mine = facets.nodes[facets.owned & nodes[facets.nodes].all(axis=1)]
-            self._surfaces.append(
-                (mine, facet_normal(self._rule.dN, self._rule.weights, mesh.X[mine]), of_tag)
-            )
+            self._surfaces.append((mine, facet_measure(self._rule, mesh.X[mine]), of_tag))
 
     def flux(self, t: float) -> DataFlux:
         """Return the `DataFlux` of a time (collective)."""
@@ -215,7 +213,7 @@ def closed_nodes(domain: Domain, held: np.ndarray) -> list[np.ndarray]:
 
 
 def _at_points(geometry):
-    return np.broadcast_to(geometry.G, (*geometry.dV.shape, *geometry.G.shape[2:]))
+    return np.broadcast_to(geometry.divergence, (*geometry.dV.shape, *geometry.G.shape[2:]))
 
 
 def _components(domain):

@@ -87,6 +87,7 @@ def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None)
     )
     first = header.pop("first")
     tags = header.pop("tags")
+    element = ELEMENTS[header.pop("element")]
     n_owned = int(first[comm.rank + 1] - first[comm.rank])
     facets = {
         tag: Facets(*(mine.pop(f"{index}.{name}") for name in FACET_ARRAYS))
@@ -94,7 +95,7 @@ def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None)
     }
     return LocalMesh(
         comm=comm,
-        element=ELEMENTS[header.pop("element")],
+        element=element.around_axis() if header.pop("axisymmetric") else element,
         n_owned=n_owned,
         first=int(first[comm.rank]),
         facets=facets,
@@ -148,6 +149,7 @@ class _Cutter:
         ]
         self.header = {
             "element": mesh.element.name,
+            "axisymmetric": mesh.element.axisymmetric,
             "first": first,
             "tags": list(mesh.facets),
             "regions": tuple(mesh.regions),

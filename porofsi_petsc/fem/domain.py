@@ -60,7 +60,8 @@ class Domain:
         spans = [slice(*np.searchsorted(region, (number, number + 1))) for number in numbers]
         self.region_slices = dict(zip(self.regions, spans, strict=True))
         self._number_nodes()
-        self.mass = Rule.of(self.element, 2 * self.element.order)
+        # a factor r more around an axis
+        self.mass = Rule.of(self.element, 2 * self.element.order + self.element.axisymmetric)
         self.stiffness = (
             Rule.of(self.element, max(2 * self.element.gradient_degree, 1))
             if self._is_straight()
@@ -69,9 +70,10 @@ class Domain:
 
     def _is_straight(self):
         """Return whether the gradients have a lower degree than the shape functions: on simplices
-        with the mid-edge nodes of all ranks' elements in the middle of their edges (collective).
+        with the mid-edge nodes of all ranks' elements in the middle of their edges, but not around
+        an axis, where N/r is one of them (collective).
         """
-        if self.element.gradient_degree == self.element.order:
+        if self.element.gradient_degree == self.element.order or self.element.axisymmetric:
             return False
         return self.element.is_affine or not self._has_curved_edge()
 
@@ -149,7 +151,7 @@ class Domain:
         """Return the stiffness-rule geometry of the reference configuration; affine elements have
         one gradient for both rules.
         """
-        if self.element.is_affine:
+        if self.element.has_constant_gradients:
             volume = self.reference.dV.sum(axis=1, keepdims=True) / self.mass.weights.sum()
             return Geometry(self.reference.G, volume * self.stiffness.weights)
         return (
@@ -238,7 +240,7 @@ class Configuration:
     def reference(cls, domain: Domain, with_hessian: bool = False) -> Configuration:
         """Return the reference configuration, which shares the geometry of the domain."""
         second = None
-        if with_hessian and not domain.element.is_affine:
+        if with_hessian and not domain.element.has_constant_gradients:
             coordinates = domain.gather(domain.mesh.X)
             second = SecondDerivatives.at(
                 domain.mass, coordinates, domain.reference, domain.reference_slope
@@ -261,6 +263,6 @@ class Configuration:
         current = geometry(domain.mass, coordinates)
         domain.require(current.dV > 0, inverted)
         second = None
-        if with_hessian and not domain.element.is_affine:
+        if with_hessian and not domain.element.has_constant_gradients:
             second = SecondDerivatives.at(domain.mass, coordinates, current, domain.reference_slope)
         return cls(current, current.dV / domain.reference.dV, second)

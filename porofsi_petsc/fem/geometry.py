@@ -10,15 +10,19 @@ import numpy as np
 from ..compiled import plain, specialized, stack
 from ..elements import Element
 from ..elements.element import Cell, moments
+from ..kernels.surface import facet_normal
 from ..tensors import invert
+
+# Distance from the axis over the largest one in an element, below which a point is on the axis.
+ON_AXIS = 1e-9
 
 
 @dataclass(frozen=True)
 class Rule:
     """A quadrature rule with the shape functions of one element at its points (Q, d).
 
-    N (Q, A), dN (Q', A, d) on the reference cell, weights (Q,).  Q' = 1 for affine elements, whose
-    gradients are constant.
+    N (Q, A), dN (Q', A, d) on the reference cell, weights (Q,).  Q' = 1 where gradients are
+    constant.
     """
 
     element: Element
@@ -35,7 +39,7 @@ class Rule:
     @classmethod
     def at(cls, element: Element, points: np.ndarray, weights: np.ndarray) -> Rule:
         """Return the rule with points (Q, d) and weights (Q,)."""
-        gradient_points = points[:1] if element.is_affine else points
+        gradient_points = points[:1] if element.has_constant_gradients else points
         return cls(
             element, points, element.shape(points), element.gradient(gradient_points), weights
         )
@@ -50,14 +54,37 @@ class Rule:
 class Geometry:
     """Elements in one configuration: G = dN/dx, (E, Q', A, d) [1/m], and dV = |dx/dxi| w, (E, Q)
     [m^d].
+
+    Around an axis dV = 2π r |dx/dxi| w [m³] is that of the whole ring, and hoop = N/r, (E, Q, A)
+    [1/m], is what a radial nodal value adds to the third diagonal entry of a gradient, u_r/r; None
+    elsewhere.
     """
 
     G: np.ndarray
     dV: np.ndarray
+    hoop: np.ndarray | None = None
 
     def part(self, chunk: slice) -> Geometry:
         """Return the geometry of a slice of the elements."""
-        return Geometry(self.G[chunk], self.dV[chunk])
+        return Geometry(
+            self.G[chunk], self.dV[chunk], None if self.hoop is None else self.hoop[chunk]
+        )
+
+    @property
+    def divergence(self) -> np.ndarray:
+        """Return div(N_a e_i), (E, Q', A, d) [1/m]: G, and around an axis the hoop part with
+        it.
+        """
+        if self.hoop is None:
+            return self.G
+        whole = self.G.copy()
+        whole[..., 0] += self.hoop
+        return whole
+
+    @property
+    def section(self) -> np.ndarray:
+        """Return |dx/dxi| w, (E, Q) [m^d]: around an axis the area of the section, else dV."""
+        return self.dV if self.hoop is None else self.dV * self.hoop.sum(axis=-1) / (2 * np.pi)
 
 
 def geometry(rule: Rule, coordinates: np.ndarray) -> Geometry:
@@ -69,7 +96,26 @@ def geometry(rule: Rule, coordinates: np.ndarray) -> Geometry:
     G = np.empty((E, points, A, d))
     determinant = np.empty((E, points))
     _geometry_loop(A, d)(plain(rule.dN), plain(coordinates), G, determinant)
+    if rule.element.axisymmetric:
+        return _ring(rule, coordinates, G, determinant)
     return Geometry(G, determinant * rule.weights)
+
+
+def _ring(rule, coordinates, G, determinant):
+    """Return the geometry of rings; dV <= 0 where an element is inverted or has passed the axis."""
+    r = coordinates[..., 0] @ rule.N.T
+    volume = np.copysign(2 * np.pi * r * determinant, np.minimum(r, determinant))
+    return Geometry(G, volume * rule.weights, hoop_functions(rule.N, G, r))
+
+
+def hoop_functions(N: np.ndarray, G: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Return N_a/r, (E, Q, A) [1/m], on the axis its limit dN_a/dr for fields that vanish there.
+
+    N (Q, A), G (E, Q, A, 2), r (E, Q) [m]
+    """
+    on_axis = np.abs(r) <= ON_AXIS * np.abs(r).max(axis=1, keepdims=True)
+    hoop = N / np.where(on_axis, 1.0, r)[..., None]
+    return np.where(on_axis[..., None], G[..., 0], hoop)
 
 
 @specialized
@@ -100,20 +146,36 @@ def _geometry_loop(A, d):
     return loop
 
 
+def facet_measure(rule: Rule, coordinates: np.ndarray) -> np.ndarray:
+    """Return the outward normals times dA, (F, Q, d) [m^(d-1)], at the points of a rule of facets
+    with nodal coordinates (F, A, d); around an axis dA [m²] is that of the whole ring.
+    """
+    normal = facet_normal(rule.dN, rule.weights, coordinates)
+    if rule.element.axisymmetric:
+        normal = normal * (2 * np.pi * coordinates[..., 0] @ rule.N.T)[..., None]
+    return normal
+
+
 @dataclass(frozen=True)
 class SecondDerivatives:
-    """Second derivatives by x on elements that are not affine, in one configuration:
+    """Second derivatives by x on elements whose gradients are not constant, in one configuration:
 
         d²U/dx_i dx_j = (d²U/dxi_m dxi_n - dU/dx_k d²x_k/dxi_m dxi_n) dxi_m/dx_i dxi_n/dx_j
 
     G (E, Q, A, d) [1/m]; bend (E, Q', d, d²) = d²x_k/dxi_m dxi_n [m], Q' = 1 where it is constant;
     reference_slope (E, Q, d), the `volume_slope` of the reference configuration.
+
+    Around an axis a field is one in space, whose derivatives are taken at a point with the
+    directions r, z and, third, around the axis: hoop (E, Q, A) of `Geometry` and radial_slope (E,
+    Q, d) = d ln r / dxi_m; None elsewhere.
     """
 
     rule: Rule
     G: np.ndarray
     bend: np.ndarray
     reference_slope: np.ndarray | None
+    hoop: np.ndarray | None = None
+    radial_slope: np.ndarray | None = None
 
     @classmethod
     def at(
@@ -126,15 +188,26 @@ class SecondDerivatives:
         """Return those at the points of a rule, of elements with nodal coordinates (E, A, d);
         without a reference slope there is no `volume_gradient`.
         """
-        return cls(rule, geometry_of_elements.G, _by_reference(rule, coordinates), reference_slope)
+        hoop = geometry_of_elements.hoop
+        slope = None
+        if hoop is not None:
+            along = np.einsum("ea,qam->eqm", coordinates[..., 0], rule.dN)
+            slope = along * hoop.sum(axis=-1, keepdims=True)
+        bend = _by_reference(rule, coordinates)
+        return cls(rule, geometry_of_elements.G, bend, reference_slope, hoop, slope)
 
     def part(self, chunk: slice) -> SecondDerivatives:
         """Return those of a slice of the elements."""
+        hoop, slope = (
+            None if array is None else array[chunk] for array in (self.hoop, self.radial_slope)
+        )
         return SecondDerivatives(
             self.rule,
             self.G[chunk],
             self.bend[chunk],
             None if self.reference_slope is None else self.reference_slope[chunk],
+            hoop,
+            slope,
         )
 
     @cached_property
@@ -144,14 +217,52 @@ class SecondDerivatives:
 
     def field(self, U: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Return d²U_k/dx_i dx_j, (E, Q, k, d, d), of nodal values U (E, A, k) with dU_k/dx_j (E,
-        Q, k, d).
+        Q, k, d); around an axis of a vector in space, (E, Q, 3, 3, 3), with its gradient (E, Q, 3,
+        3).
         """
-        return self._to_space(_by_reference(self.rule, U), gradient)
+        if self.hoop is None:
+            return self._to_space(_by_reference(self.rule, U), gradient)
+        second = np.zeros((*gradient.shape, 3))
+        plane = np.ascontiguousarray(gradient[..., :2, :2])
+        second[..., :2, :2, :2] = self._to_space(_by_reference(self.rule, U), plane)
+        radial, axial, other = self._around(gradient)
+        second[..., 0, 2, 2] = second[..., 2, 0, 2] = second[..., 2, 2, 0] = radial
+        second[..., 2, 1, 2] = second[..., 2, 2, 1] = axial
+        second[..., 1, 2, 2] = other
+        return second
+
+    def _around(self, gradient):
+        """Return ∂_θ∂_θ U_r = ∂_r ∂_θ U_θ = ∂_r (U_r/r), ∂_z ∂_θ U_θ = ∂_z U_r/r and ∂_θ∂_θ U_z =
+        ∂_r U_z/r, (E, Q) each, of a vector around the axis with its gradient in space.
+        """
+        over_r = self.hoop.sum(axis=-1)
+        return (
+            (gradient[..., 0, 0] - gradient[..., 2, 2]) * over_r,
+            gradient[..., 0, 1] * over_r,
+            gradient[..., 1, 0] * over_r,
+        )
+
+    @cached_property
+    def shapes_around(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return ∂_r (N_a/r), ∂_z N_a/r and ∂_r N_a/r, (E, Q, A) each, the parts of `shapes` around
+        an axis.
+        """
+        hoop = self.hoop
+        assert hoop is not None  # nobody asks where there is no axis
+        over_r = hoop.sum(axis=-1, keepdims=True)
+        return (
+            (self.G[..., 0] - hoop) * over_r,
+            self.G[..., 1] * over_r,
+            self.G[..., 0] * over_r,
+        )
 
     def viscous(self, U: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Return ΔU + ∇ div U, (E, Q, d), of nodal values U (E, A, d) with dU_k/dx_j (E, Q, d, d):
-        `field` contracted early.
+        `field` contracted early; around an axis (E, Q, 3).
         """
+        if self.hoop is not None:
+            second = self.field(U, gradient)
+            return np.einsum("eqijj->eqi", second) + np.einsum("eqjji->eqi", second)
         pull = self._pull
         d = self.rule.element.dim
         second = _by_reference(self.rule, U) - self._bent(gradient)
@@ -185,7 +296,14 @@ class SecondDerivatives:
 
     @property
     def volume_slope(self) -> np.ndarray:
-        """Return d ln|dx/dxi| / dxi_m = dxi_n/dx_k d²x_k/dxi_n dxi_m, (E, Q, d)."""
+        """Return d ln|dx/dxi| / dxi_m = dxi_n/dx_k d²x_k/dxi_n dxi_m, (E, Q, d); around an axis
+        that of r|dx/dxi|.
+        """
+        slope = self._section_slope
+        return slope if self.radial_slope is None else slope + self.radial_slope
+
+    @property
+    def _section_slope(self) -> np.ndarray:
         E, Q, _, d = self.G.shape
         bend = np.swapaxes(self.bend.reshape(E, -1, d, d, d), 2, 3).reshape(E, -1, d * d, d)
         pull = self._pull.reshape(E, Q, d * d)
@@ -209,11 +327,11 @@ def _flat(hessian):
 
 def element_size(element: Element, rule: Rule, geometry_of_elements: Geometry) -> np.ndarray:
     """Return h = (V/V_0)^(1/d) / order, (E,) [m], V_0 the volume of the reference cell: the leg of
-    a right-angled simplex, or the edge of a cube, of the same volume, per node spacing.
+    a right-angled simplex, or the edge of a cube, of the same volume, per node spacing; of a ring
+    that of its section.
     """
-    volume = np.broadcast_to(
-        geometry_of_elements.dV, (len(geometry_of_elements.dV), len(rule.weights))
-    ).sum(axis=1)
+    section = geometry_of_elements.section
+    volume = np.broadcast_to(section, (len(section), len(rule.weights))).sum(axis=1)
     return (element.cell.count_in_cube * volume) ** (1 / element.dim) / element.order
 
 

@@ -11,6 +11,7 @@ from ..elements import Element
 from ..kernels.surface import facet_normal
 from ..mesh.topology import cell_facets, group_rows
 from .closest import closest_points, facet_sizes
+from .geometry import Rule, facet_measure
 
 # Parts of an edge for each facet of the other side, whose shape functions have kinks inside, and at
 # most; by the dimension of the surface.
@@ -72,10 +73,10 @@ class SurfaceProjection:
             - ROUND_OFF
         )
         points, weights = element.cell.subdivided(
-            2 * element.order, min(refinement, FINEST[element.dim])
+            2 * element.order + element.axisymmetric, min(refinement, FINEST[element.dim])
         )
         N = element.shape(points)
-        dA = facet_normal(element.gradient(points), weights, X_target)
+        dA = facet_measure(Rule.at(element, points, weights), X_target)
         facet, N_source, _ = closest_points(
             self._element, X_source, (N @ X_target).reshape(-1, self._element.dim)
         )

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.surface import facet_normal
 from .domain import Domain
-from .geometry import Rule
+from .geometry import Rule, facet_measure
 
 
 class Surface:
@@ -36,8 +35,9 @@ class Surface:
         self._mesh = mesh
 
     def rule(self, degree: int) -> Rule:
-        """Return the rule that is exact for polynomials of a degree."""
-        return Rule.of(self._mesh.element.facet, degree)
+        """Return the rule that is exact for polynomials of a degree, around an axis times r."""
+        facet = self._mesh.element.facet
+        return Rule.of(facet, degree + facet.axisymmetric)
 
     def gather(self, field: np.ndarray) -> np.ndarray:
         """Return the values of a nodal field (n_local, ...) on the facets, (F, Af, ...)."""
@@ -45,10 +45,11 @@ class Surface:
 
     def normal(self, rule: Rule, u: np.ndarray | None = None) -> np.ndarray:
         """Return the outward normals times dA, (F, Q, d) [m^(d-1)], where a displacement u
-        (n_local, d) [m] has taken the surface; in the reference without.
+        (n_local, d) [m] has taken the surface; in the reference without.  Around an axis those of
+        whole rings [m²].
         """
         x = self.X if u is None else self.X + u[self.nodes]
-        return facet_normal(rule.dN, rule.weights, x)
+        return facet_measure(rule, x)
 
     def of_material(self, name: str) -> np.ndarray:
         """Return an attribute of the material behind the facets, (F, 1)."""

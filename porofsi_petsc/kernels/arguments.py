@@ -7,13 +7,18 @@ import numpy as np
 
 class Geometry(Protocol):
     """Elements in one configuration: gradients (E, Q', A, d) [1/m], Q' = 1 where they are constant,
-    and volumes (E, Q) [m^d] of the points.
+    and volumes (E, Q) [m^d] of the points; hoop (E, Q, A) [1/m], N/r of elements around an axis,
+    None of others; divergence (E, Q', A, d) [1/m] of N e_i.
     """
 
     @property
     def G(self) -> np.ndarray: ...
     @property
     def dV(self) -> np.ndarray: ...
+    @property
+    def hoop(self) -> np.ndarray | None: ...
+    @property
+    def divergence(self) -> np.ndarray: ...
 
 
 class Stress(Protocol):

@@ -23,7 +23,8 @@ def add_point(
     (A, d) and D (1 + d, size).
 
     The columns z are terms of a residual, or rows times unknowns of a tangent: one long contiguous
-    loop.
+    loop.  Around an axis d counts the third direction, whose gradient N/r is that of radial
+    components alone: D_dz is 0 in the columns of others.
     """
     for a in range(A):
         n = N[q, a]

@@ -24,6 +24,7 @@ def flow_by_skeleton(el: FlowElements, f: FlowFields, c_v: float, moving_mesh: b
     n = el.n
     E, _, A, d = el.geometry.G.shape
     G = broadcast_gradient(el.geometry.G, dV.shape[1])
+    div = broadcast_gradient(el.geometry.divergence, dV.shape[1])
     N = np.broadcast_to(el.N, G.shape[:3])
     K = np.zeros((E, A, d + 1, A, d))
     drag = (el.S * dV)[..., None]
@@ -32,10 +33,10 @@ def flow_by_skeleton(el: FlowElements, f: FlowFields, c_v: float, moving_mesh: b
         if el.convection:
             for i in range(d):
                 K[:, :, i, :, j] += bilinear(
-                    (n * (1 - n) * el.nu_lsic * dV)[..., None] * G[..., i], G[..., j]
+                    (n * (1 - n) * el.nu_lsic * dV)[..., None] * div[..., i], div[..., j]
                 )
         flux = (n * dV)[..., None] - (el.tau * n)[..., None] * drag
-        K[:, :, d, :, j] = bilinear(dV[..., None] * N, G[..., j]) + bilinear(flux * G[..., j], N)
+        K[:, :, d, :, j] = bilinear(dV[..., None] * N, div[..., j]) + bilinear(flux * G[..., j], N)
     if el.convection and moving_mesh:
         _add_mesh_velocity(K, el, x, G)
     return c_v * K
@@ -117,12 +118,13 @@ def solid_by_flow(N: np.ndarray, geometry: Geometry, n: np.ndarray, S: np.ndarra
     dV = geometry.dV
     E, _, A, d = geometry.G.shape
     G = broadcast_gradient(geometry.G, dV.shape[1])
+    div = broadcast_gradient(geometry.divergence, dV.shape[1])
     Nq = np.broadcast_to(N, G.shape[:3])
     drag = mass_matrix(N, -S * dV)
     K = np.zeros((E, A, d, A, d + 1))
     for i in range(d):
         K[:, :, i, :, i] = drag
-        K[:, :, i, :, d] = -bilinear(dV[..., None] * G[..., i], Nq) - bilinear(
+        K[:, :, i, :, d] = -bilinear(dV[..., None] * div[..., i], Nq) - bilinear(
             (n * dV)[..., None] * Nq, G[..., i]
         )
     return K

@@ -21,6 +21,8 @@ node on the boundary is the fluid's traction ∮ w·σ n on it.
     ∫ w·[ρ (a + c·∇v) - ρ b] - ∫ p div w + ∫ ∇w : 2 μ sym ∇v + ∫ τ ρ (c·∇w)·r + ∫ ν_L div w div v
     ∫ q div v + ∫ τ ∇q·r
 
+Around an axis (`geometry.hoop`) the components are r and z, gradients of vectors have the third
+diagonal entry v_r/r, which div and sym take with the others, and dV is that of the whole ring.
 Where it flows through a porous solid, v is the volume-averaged velocity v_s + n_f w and S w_rel = S
 (v - v_s) is added to r.
 
@@ -83,7 +85,7 @@ class FlowElements:
 @dataclass(frozen=True)
 class FlowPoints:
     """Pointwise quantities that residual and tangents share; c None without convection, w None
-    without drag.
+    without drag; grad_v of rings (E, Q, 3, 3).
     """
 
     c: np.ndarray | None
@@ -98,7 +100,8 @@ def flow_points(el: FlowElements, f: FlowFields) -> FlowPoints:
     """Return the pointwise quantities of a state."""
     sizes, elements, fields = _arguments(el, f)
     E, Q, d = f.b.shape
-    grad_v = np.empty((E, Q, d, d))
+    directions = d if el.geometry.hoop is None else d + 1
+    grad_v = np.zeros((E, Q, directions, directions))
     grad_p, acceleration, c, w, residual = (np.empty((E, Q, d)) for _ in range(5))
     flow_loops.points_loop(*sizes)(elements, fields, grad_v, grad_p, acceleration, c, w, residual)
     return FlowPoints(
@@ -162,10 +165,11 @@ def flow_tangent(
 
 
 def _arguments(el, f):
-    """Return the sizes (A, d, affine, even), elements and fields for a compiled loop; even: the
-    second derivatives of the shape functions are constant.
+    """Return the sizes (A, d, affine, even, ring), elements and fields for a compiled loop; even:
+    the second derivatives of the shape functions are constant.
     """
     G = el.geometry.G
+    hoop = el.geometry.hoop
     dV = el.geometry.dV
     second = el.second
     drag = el.S is not None
@@ -189,6 +193,7 @@ def _arguments(el, f):
         hessian=_in_rows(second.rule.hessian) if curved else np.empty((0, 0, 0)),
         bend=_in_rows(second.bend) if curved else np.empty((0, 0, 0)),
         grad_n=plain(el.grad_n) if graded else np.empty((0, 0, 0)),
+        hoop=np.empty((0, 0, 0)) if hoop is None else plain(hoop),
         convection=bool(el.convection),
         drag=drag,
         undrained=undrained,
@@ -203,7 +208,7 @@ def _arguments(el, f):
     fields = FlowFields(*map(plain, f._replace(c=c, v_s=v_s, dp=f.dp if undrained else none)))
     A, d = G.shape[2:]
     even = comb(d + el.order, d) == A  # all polynomials of the order, 2 at most, and no others
-    return (A, d, G.shape[1] == 1, even), elements, fields
+    return (A, d, G.shape[1] == 1, even, hoop is not None), elements, fields
 
 
 def _in_rows(array):
@@ -213,7 +218,8 @@ def _in_rows(array):
 
 def strong_gradient(el: FlowElements, x: FlowPoints) -> np.ndarray:
     """Return ρ ∂v_i/∂x_j, (E, Q, d, d): the derivative of the convective force by c_j."""
-    return el.rho[..., None, None] * x.grad_v
+    d = el.geometry.G.shape[-1]
+    return el.rho[..., None, None] * x.grad_v[..., :d, :d]
 
 
 def add_skeleton_answer(

@@ -6,7 +6,8 @@ in the docstring of `flow`.
 
 A nodes, d dimensions, m unknowns per node in the matrix; affine: gradients are constant over an
 element, and G has one point; even: so are second derivatives by the reference coordinates, and
-hessian and bend have one.
+hessian and bend have one; ring: the elements are rings around an axis, components r and z, and a
+gradient of a vector has a third diagonal entry, v_r/r, an index d in what follows.
 """
 
 from collections.abc import Callable
@@ -22,9 +23,9 @@ class Elements(NamedTuple):
     """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says
     so.
 
-    nodes (A, d) on the reference cell, hessian (Q' A, d, d) and bend (E Q', d, d²) of
-    `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant; fluctuation: the mean gradient
-    is left out of the undrained term
+    hoop (E, Q, A) of `fem.geometry.Geometry`; nodes (A, d) on the reference cell, hessian (Q' A, d,
+    d) and bend (E Q', d, d²) of `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant;
+    fluctuation: the mean gradient is left out of the undrained term
     """
 
     N: np.ndarray
@@ -42,6 +43,7 @@ class Elements(NamedTuple):
     hessian: np.ndarray
     bend: np.ndarray
     grad_n: np.ndarray
+    hoop: np.ndarray
     convection: bool
     drag: bool
     undrained: bool
@@ -70,7 +72,7 @@ class FlowFields(NamedTuple):
 
 class Point(NamedTuple):
     """State at a point: shape gradients g (A, d), ∇v, ∇v_s (d, d), ∇p, c, w, forces (d,); d xi/dx,
-    ∇∇U, mean of g, dr/dv_b.
+    ∇∇U, mean of g, dr/dv_b.  Of a ring g and the gradients have d + 1 directions.
     """
 
     g: np.ndarray
@@ -90,12 +92,12 @@ class Point(NamedTuple):
 
 
 @expanded
-def new_point(A: int, d: int) -> Point:
+def new_point(A: int, d: int, directions: int) -> Point:
     """Return the memory of a point."""
     return Point(
-        stack((A, d)),
-        stack((d, d)),
-        stack((d, d)),
+        stack((A, directions)),
+        stack((directions, directions)),
+        stack((directions, directions)),
         stack((d,)),
         stack((d,)),
         stack((d,)),
@@ -112,7 +114,16 @@ def new_point(A: int, d: int) -> Point:
 
 @inlined
 def set_point(
-    A: int, d: int, affine: bool, even: bool, el: Elements, f: FlowFields, e: int, q: int, x: Point
+    A: int,
+    d: int,
+    affine: bool,
+    even: bool,
+    ring: bool,
+    el: Elements,
+    f: FlowFields,
+    e: int,
+    q: int,
+    x: Point,
 ) -> None:
     """Set the state at point q of element e: r = ρ (a + c·∇v) + n ∇p + S w - ρ b - div(2 n μ sym
     ∇v).
@@ -121,9 +132,11 @@ def set_point(
         for a in range(A):
             for j in range(d):
                 x.g[a, j] = el.G[e, 0 if affine else q, a, j]
-        _set_gradients(A, d, f.v, e, x.g, x.grad_v)
+            if ring:
+                x.g[a, d] = el.hoop[e, q, a]
+        _set_gradients(A, d, ring, f.v, e, x.g, x.grad_v)
         if not el.free:
-            _set_gradients(A, d, f.v_s, e, x.g, x.grad_vs)
+            _set_gradients(A, d, ring, f.v_s, e, x.g, x.grad_vs)
     for i in range(d):
         acceleration = 0.0
         grad_p = 0.0
@@ -141,18 +154,23 @@ def set_point(
         _add_drag(A, d, el, f, e, q, x)
     if el.curved:
         _set_pull(A, d, el, x)
-        _subtract_viscous_force(A, d, even, el, f, e, q, x)
+        _subtract_viscous_force(A, d, even, ring, el, f, e, q, x)
 
 
 @inlined
-def _set_gradients(A, d, U, e, g, gradient):
-    """Set dU_i/dx_j, (d, d), of nodal values U (E, A, d)."""
+def _set_gradients(A, d, ring, U, e, g, gradient):
+    """Set dU_i/dx_j, (d, d), of nodal values U (E, A, d); of a ring U_r/r with it."""
     for i in range(d):
         for j in range(d):
             total = 0.0
             for a in range(A):
                 total += U[e, a, i] * g[a, j]
             gradient[i, j] = total
+    if ring:
+        total = 0.0
+        for a in range(A):
+            total += U[e, a, 0] * g[a, d]
+        gradient[d, d] = total
 
 
 @inlined
@@ -225,9 +243,9 @@ def _set_reference_hessian(A, d, el, f, e, first, x):
 
 
 @inlined
-def _subtract_viscous_force(A, d, even, el, f, e, q, x):
+def _subtract_viscous_force(A, d, even, ring, el, f, e, q, x):
     """Subtract div(2 n μ sym ∇v) = μ [n (Δv + ∇ div v) + (∇v + ∇vᵀ) ∇n] from the residual,
-    [N/m³].
+    [N/m³]; of a ring n μ (2 (∂_r v_r - v_r/r), ∂_r v_z + ∂_z v_r)/r with it.
     """
     scale = el.mu * el.n[e, q]
     if q == 0 or not even:
@@ -242,17 +260,36 @@ def _subtract_viscous_force(A, d, even, el, f, e, q, x):
         for i in range(d):
             for j in range(d):
                 x.residual[i] -= el.mu * (x.grad_v[i, j] + x.grad_v[j, i]) * el.grad_n[e, q, j]
+    if ring:
+        scale *= _over_r(A, d, x)
+        x.residual[0] -= 2 * scale * (x.grad_v[0, 0] - x.grad_v[d, d])
+        x.residual[1] -= scale * (x.grad_v[0, 1] + x.grad_v[1, 0])
+
+
+@inlined
+def _over_r(A, d, x):
+    """Return 1/r, the sum of N_a/r."""
+    total = 0.0
+    for a in range(A):
+        total += x.g[a, d]
+    return total
 
 
 @specialized
-def points_loop(A: int, d: int, affine: bool, even: bool) -> Callable[..., None]:
-    """Return the loop that writes the state at all points."""
+def points_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callable[..., None]:
+    """Return the loop that writes the state at all points; grad_v (E, Q, d, d), of rings (E, Q, d +
+    1, d + 1), whose entries beside the diagonal of the third direction it leaves alone.
+    """
+
+    directions = d + ring
 
     def loop(el, f, grad_v, grad_p, acceleration, c, w, residual):
-        x = new_point(A, d)
+        x = new_point(A, d, directions)
         for e in range(len(el.dV)):
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, el, f, e, q, x)
+                set_point(A, d, affine, even, ring, el, f, e, q, x)
+                if ring:
+                    grad_v[e, q, d, d] = x.grad_v[d, d]
                 for i in range(d):
                     grad_p[e, q, i] = x.grad_p[i]
                     acceleration[e, q, i] = x.acceleration[i]
@@ -266,28 +303,29 @@ def points_loop(A: int, d: int, affine: bool, even: bool) -> Callable[..., None]
 
 
 @specialized
-def residual_loop(A: int, d: int, affine: bool, even: bool) -> Callable[..., None]:
+def residual_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callable[..., None]:
     """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume
     balance one after the other.
     """
 
-    rows = 1 + d
+    directions = d + ring
+    rows = 1 + directions
     columns = 6 * d + 4
 
     def loop(el, f, terms):
-        x = new_point(A, d)
+        x = new_point(A, d, directions)
         D = stack((rows, columns))
         D[:] = 0.0
         for e in range(len(terms)):
             terms[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, el, f, e, q, x)
-                _set_balances(A, d, el, f, e, q, x, D)
+                set_point(A, d, affine, even, ring, el, f, e, q, x)
+                _set_balances(A, d, ring, el, f, e, q, x, D)
                 if el.mu != 0.0:
-                    _set_viscous_stress(d, el, e, q, x, D)
+                    _set_viscous_stress(d, ring, el, e, q, x, D)
                 if el.convection:
-                    _set_stabilization(d, el, e, q, x, D)
-                add_point(A, d, columns, el.N, q, x.g, D, e, terms)
+                    _set_stabilization(d, ring, el, e, q, x, D)
+                add_point(A, directions, columns, el.N, q, x.g, D, e, terms)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
                 for q in range(len(el.N)):
@@ -297,7 +335,7 @@ def residual_loop(A: int, d: int, affine: bool, even: bool) -> Callable[..., Non
 
 
 @inlined
-def _set_balances(A, d, el, f, e, q, x, D):
+def _set_balances(A, d, ring, el, f, e, q, x, D):
     """Set inertia, pressure, drag and body force, and skeleton, seepage and PSPG."""
     dV = el.dV[e, q]
     n = el.n[e, q]
@@ -317,20 +355,26 @@ def _set_balances(A, d, el, f, e, q, x, D):
             D[0, 2 * d + i] = dV * el.S[e, q] * x.w[i]
         D[0, 3 * d + i] = -dV * el.rho[e, q] * f.b[e, q, i]
         D[1 + i, 6 * d + 2] = dV * el.tau[e, q] * n * x.residual[i]
+    if ring:
+        div += x.grad_v[d, d] if el.free else x.grad_vs[d, d]
+        if el.free:
+            D[1 + d, d] = -dV * p
     D[0, 6 * d] = dV * div
 
 
 @inlined
-def _set_viscous_stress(d, el, e, q, x, D):
+def _set_viscous_stress(d, ring, el, e, q, x, D):
     """Set the stress 2 n μ sym ∇v."""
     weight = el.n[e, q] * el.mu * el.dV[e, q]
     for i in range(d):
         for j in range(d):
             D[1 + j, 4 * d + i] = weight * (x.grad_v[i, j] + x.grad_v[j, i])
+    if ring:
+        D[1 + d, 4 * d] = 2 * weight * x.grad_v[d, d]
 
 
 @inlined
-def _set_stabilization(d, el, e, q, x, D):
+def _set_stabilization(d, ring, el, e, q, x, D):
     """Set SUPG, τ ρ r_i c_j, and LSIC, n ν_L (div v_s + n div w_rel) δ_ij."""
     n = el.n[e, q]
     div = 0.0
@@ -339,12 +383,18 @@ def _set_stabilization(d, el, e, q, x, D):
         div += x.grad_v[i, i]
         if not el.free:
             div_s += x.grad_vs[i, i]
+    if ring:
+        div += x.grad_v[d, d]
+        if not el.free:
+            div_s += x.grad_vs[d, d]
     lsic = el.dV[e, q] * n * el.nu_lsic[e, q] * (div_s + n * (div - div_s))
     supg = el.dV[e, q] * el.tau_supg[e, q] * el.rho[e, q]
     for i in range(d):
         for j in range(d):
             D[1 + j, 5 * d + i] = supg * x.residual[i] * x.c[j]
         D[1 + i, 5 * d + i] += lsic
+    if ring:
+        D[1 + d, 5 * d] = lsic
 
 
 @inlined
@@ -389,25 +439,29 @@ def _add_undrained(A, d, affine, el, f, e, q, x, terms):
 
 
 @specialized
-def tangent_loop(A: int, d: int, affine: bool, even: bool, m: int) -> Callable[..., None]:
+def tangent_loop(
+    A: int, d: int, affine: bool, even: bool, ring: bool, m: int
+) -> Callable[..., None]:
     """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of
     the nodes.
     """
 
-    rows = 1 + d
-    columns = (1 + d) * A * m
+    directions = d + ring
+    rows = 1 + directions
+    balances = 1 + d
+    columns = balances * A * m
 
     def loop(el, f, c_f, K):
-        x = new_point(A, d)
-        D = stack((rows, rows, A, m))
+        x = new_point(A, d, directions)
+        D = stack((rows, balances, A, m))
         flat = D.reshape(rows, columns)
         D[:] = 0.0
         for e in range(len(K)):
             K[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, el, f, e, q, x)
-                _set_derivatives(A, d, even, el, e, q, c_f, x, D)
-                add_point(A, d, columns, el.N, q, x.g, flat, e, K)
+                set_point(A, d, affine, even, ring, el, f, e, q, x)
+                _set_derivatives(A, d, even, ring, el, e, q, c_f, x, D)
+                add_point(A, directions, columns, el.N, q, x.g, flat, e, K)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
                 for q in range(len(el.N)):
@@ -417,7 +471,7 @@ def tangent_loop(A: int, d: int, affine: bool, even: bool, m: int) -> Callable[.
 
 
 @inlined
-def _set_derivatives(A, d, even, el, e, q, c_f, x, D):
+def _set_derivatives(A, d, even, ring, el, e, q, c_f, x, D):
     """Set the derivatives of the densities times dV by v_bk and p_b: D[0] that of A_i, D[1 + j]
     that of B_ij, rows i <= d.
 
@@ -441,7 +495,7 @@ def _set_derivatives(A, d, even, el, e, q, c_f, x, D):
             for k in range(d):
                 D[0, i, b, k] = dV * x.strong[i, k]
         if el.curved:
-            _subtract_viscous_tangent(A, d, even, el, e, q, b, x)
+            _subtract_viscous_tangent(A, d, even, ring, el, e, q, b, x)
         for i in range(d):
             grad = n * x.g[b, i]
             thrown = viscous * x.g[b, i] + supg * x.residual[i] * N
@@ -465,6 +519,23 @@ def _set_derivatives(A, d, even, el, e, q, c_f, x, D):
             else:
                 D[0, i, b, d] = dV * grad
                 D[1 + i, d, b, i] -= dV * n * N
+        if ring:
+            _add_hoop_derivatives(d, el, dV, N, b, viscous, lsic, x, D)
+
+
+@inlined
+def _add_hoop_derivatives(d, el, dV, N, b, viscous, lsic, x, D):
+    """Add v_br N_b/r to the divergences, and set the derivatives of the stress around the axis,
+    that of the radial component.
+    """
+    hoop = x.g[b, d]
+    for i in range(d):
+        D[1 + i, i, b, 0] += lsic * hoop
+        D[1 + d, 0, b, i] = lsic * x.g[b, i]
+    D[1 + d, 0, b, 0] += (lsic + 2 * viscous) * hoop
+    if el.free:
+        D[0, d, b, 0] += dV * hoop
+        D[1 + d, 0, b, d] = -dV * N
 
 
 @inlined
@@ -486,7 +557,7 @@ def _set_strong(d, el, e, q, b, c_f, x):
 
 
 @inlined
-def _subtract_viscous_tangent(A, d, even, el, e, q, b, x):
+def _subtract_viscous_tangent(A, d, even, ring, el, e, q, b, x):
     """Subtract the derivative of div(2 n μ sym ∇v)_i by v_bk."""
     scale = el.mu * el.n[e, q]
     row = b if even else q * A + b
@@ -499,6 +570,11 @@ def _subtract_viscous_tangent(A, d, even, el, e, q, b, x):
             if el.graded:
                 x.strong[i, k] -= el.mu * x.g[b, i] * el.grad_n[e, q, k]
                 x.strong[i, i] -= el.mu * x.g[b, k] * el.grad_n[e, q, k]
+    if ring:
+        scale *= _over_r(A, d, x)
+        x.strong[0, 0] -= 2 * scale * (x.g[b, 0] - x.g[b, d])
+        x.strong[1, 0] -= scale * x.g[b, 1]
+        x.strong[1, 1] -= scale * x.g[b, 0]
 
 
 @inlined

@@ -10,6 +10,10 @@ A residual of the form Σ_q dV (N_a A_k + ∂_j N_a B_kj) therefore has the deri
 
 Nodal values are kept, and so is what is frozen at the start of a step (τ, ν_L, τ_u).  The
 dependence on v_s is in `exchange`.
+
+Around an axis all this holds at a point in space with the directions r, z and, third, around the
+axis, in which vectors have no component, but gradients v_r/r; below d is then 3.  Only the test
+functions and δy know of the axis: ∇(N e_r) has the third diagonal entry N/r, ∇(N e_z) none.
 """
 
 from __future__ import annotations
@@ -20,7 +24,8 @@ import numpy as np
 
 from .arguments import Geometry
 from .assemble import bilinear, broadcast_gradient
-from .flow import FlowElements, FlowFields, flow_points
+from .flow import FlowElements, FlowFields, FlowPoints, flow_points
+from .solid import displacement_gradient
 
 
 @dataclass(frozen=True)
@@ -64,10 +69,10 @@ def solid_by_geometry(
 
     p (E, A) [Pa], w (E, A, d) = v_f - v_s [m/s].
     """
-    d = geometry.G.shape[-1]
+    d = _directions(geometry)
     identity = np.eye(d)
-    w = N @ w
-    grad_p = (np.swapaxes(geometry.G, 2, 3) @ p[:, None, :, None])[..., 0]
+    w = _in_space(N @ w, d)
+    grad_p = _in_space((np.swapaxes(geometry.G, 2, 3) @ p[:, None, :, None])[..., 0], d)
     x = Densities.zeros(geometry.dV.shape, d, d)
     x.A[...] = -n[..., None] * grad_p - S[..., None] * w
     x.B[...] = -(p @ N.T)[..., None, None] * identity
@@ -85,8 +90,8 @@ def flow_by_geometry(
 
     derivatives : `VolumeDerivatives`, None for a free fluid
     """
-    x = flow_points(el, f)
-    d = el.geometry.G.shape[-1]
+    d = _directions(el.geometry)
+    x = _points_in_space(flow_points(el, f), d)
     densities = Densities.zeros(el.geometry.dV.shape, d + 1, d)
     if el.free:
         _add_free(densities, el, f, x)
@@ -98,8 +103,32 @@ def flow_by_geometry(
     if el.second is not None:
         _add_curving(K, el, x, derivatives)
     if el.order > 1 and el.tau_u is not None:
-        K[:, :, d] += _undrained_means(el, f.dp)
+        K[:, :, -1] += _undrained_means(el, f.dp)
     return K
+
+
+def _directions(geometry):
+    """Return the number of directions of a gradient of a vector: that of the space, around an axis
+    too.
+    """
+    return geometry.G.shape[-1] + (geometry.hoop is not None)
+
+
+def _in_space(X, d):
+    """Return vectors (E, Q, d) of vectors that may lack the component around the axis, 0."""
+    missing = d - X.shape[-1]
+    if not missing:
+        return X
+    return np.concatenate([X, np.zeros((*X.shape[:-1], missing))], axis=-1)
+
+
+def _points_in_space(x, d):
+    """Return the `FlowPoints` with vectors in space."""
+    c, acceleration, grad_p, w, residual = (
+        None if vectors is None else _in_space(vectors, d)
+        for vectors in (x.c, x.acceleration, x.grad_p, x.w, x.residual)
+    )
+    return FlowPoints(c, x.grad_v, acceleration, grad_p, w, residual)
 
 
 @dataclass(frozen=True)
@@ -114,7 +143,7 @@ class _Gradients:
     @classmethod
     def of(cls, el, f, x):
         v_s = np.broadcast_to(
-            np.swapaxes(f.v_s, 1, 2)[:, None] @ el.geometry.G, (*el.n.shape, *x.grad_v.shape[2:])
+            displacement_gradient(el.geometry.G, f.v_s, el.geometry.hoop), x.grad_v.shape
         )
         div, div_s = (np.trace(gradient, axis1=2, axis2=3) for gradient in (x.grad_v, v_s))
         return cls(div, div_s, -np.swapaxes(x.grad_v, 2, 3), -np.swapaxes(v_s, 2, 3))
@@ -152,7 +181,7 @@ def _add_porous(densities, el, f, x, derivatives):
     d = x.w.shape[-1]
     gradients = _Gradients.of(el, f, x)
     relative = (derivatives.n / el.n)[..., None]
-    body = el.rho[..., None] * f.b
+    body = el.rho[..., None] * _in_space(f.b, d)
     strong = _by_volume(relative * (x.acceleration - body) + derivatives.S[..., None] * x.w)
     strong += _pressure_by_geometry(el.n, derivatives, x.grad_p) + _convection_by_geometry(el, x)
     densities.A[..., :d] += (
@@ -179,7 +208,7 @@ def _add_free(densities, el, f, x):
     convection = _convection_by_geometry(el, x)
     div = np.trace(x.grad_v, axis1=2, axis2=3)
     d_div = -np.swapaxes(x.grad_v, 2, 3)
-    densities.A[..., :d] += x.acceleration - el.rho[..., None] * f.b
+    densities.A[..., :d] += x.acceleration - el.rho[..., None] * _in_space(f.b, d)
     densities.dA[:, :, :d] += convection
     densities.B[:, :, :d] -= (f.p @ el.N.T)[..., None, None] * identity
     densities.A[..., d] += div
@@ -251,7 +280,8 @@ def _viscous_force_by_geometry(el, f, x, derivatives):
     n_s is constant (or n).
     """
     s = el.second.field(f.v, x.grad_v)
-    identity = np.eye(x.grad_p.shape[-1])
+    d = x.grad_p.shape[-1]
+    identity = np.eye(d)
     d_inner = (
         2 * np.einsum("eqmil->eqmli", s)
         + np.einsum("eqiml->eqmli", s)
@@ -262,7 +292,7 @@ def _viscous_force_by_geometry(el, f, x, derivatives):
         force += _by_volume(derivatives.n[..., None] * el.second.viscous(f.v, x.grad_v))
     if el.grad_n is not None:
         stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
-        grad_n = el.grad_n
+        grad_n = _in_space(el.grad_n, d)
         force -= np.einsum("eqml,eqi->eqmli", x.grad_v, grad_n) + np.einsum(
             "eqjl,eqj,mi->eqmli", x.grad_v, grad_n, identity
         )
@@ -278,8 +308,8 @@ def _add_undrained(densities, el, dp):
     """
     d = el.geometry.G.shape[-1]
     g, _, f, mean = _undrained_fluxes(el, dp)
-    densities.B[:, :, d] += f - mean
-    densities.dB[:, :, d] -= np.einsum("eql,eqji->eqjli", g, el.tau_u)
+    densities.B[:, :, -1, :d] += f - mean
+    densities.dB[:, :, -1, :d, :d, :d] -= np.einsum("eql,eqji->eqjli", g, el.tau_u)
 
 
 def _undrained_fluxes(el, dp):
@@ -313,16 +343,17 @@ def _undrained_means(el, dp):
     """Return what the change of the two means adds to the volume row on quadratic elements, (E, A,
     A, d).
 
-    -(∫ τ_u ∇N_a)·δ(mean g) - (∫ ∇N_a)·δ(mean f); a mean changes with its weights too, δ(dV) = ∂_l
-    N_b dV.
+    -(∫ τ_u ∇N_a)·δ(mean g) - (∫ ∇N_a)·δ(mean f); a mean changes with its weights too, δ(dV) =
+    div(N_b e_l) dV.
     """
     G = el.geometry.G
+    div = el.geometry.divergence
     dV = el.geometry.dV
     g, mean_g, f, mean_f = _undrained_fluxes(el, dp)
     turned = -np.einsum("eql,eqbj->eqblj", g, G)
-    d_mean_g = _mean(dV, turned + np.einsum("eqbl,eqj->eqblj", G, g - mean_g))
+    d_mean_g = _mean(dV, turned + np.einsum("eqbl,eqj->eqblj", div, g - mean_g))
     turned_f = np.einsum("eqblj,eqji->eqbli", turned - d_mean_g, el.tau_u)
-    d_mean_f = _mean(dV, turned_f + np.einsum("eqbl,eqj->eqblj", G, f - mean_f))
+    d_mean_f = _mean(dV, turned_f + np.einsum("eqbl,eqj->eqblj", div, f - mean_f))
     left = np.einsum("eq,eqaj,eqji->eai", dV, G, el.tau_u, optimize=True)
     return -np.einsum("eaj,eblj->eabl", left, d_mean_g[:, 0]) - np.einsum(
         "eq,eqaj,eblj->eabl", dV, G, d_mean_f[:, 0]
@@ -337,21 +368,25 @@ def _add_curving(K, el, x, derivatives):
     """
     dV = el.geometry.dV
     shapes = el.second.shapes
-    d = x.grad_p.shape[-1]
     G = broadcast_gradient(el.geometry.G, dV.shape[1])
-    E, Q, A = G.shape[:3]
+    E, Q, A, d = G.shape
     rows = shapes.reshape(E, Q, A * d, d)
-    change = np.einsum("eqbii->eqb", shapes)[..., None, None] * x.grad_v[:, :, None]
-    change += (rows @ x.grad_v).reshape(shapes.shape)
+    grad_v = x.grad_v[..., :d, :d]
+    change = np.einsum("eqbii->eqb", shapes)[..., None, None] * grad_v[:, :, None]
+    change += (rows @ grad_v).reshape(shapes.shape)
     change *= el.n[..., None, None, None]
     if derivatives is not None:
-        stress = x.grad_v + np.swapaxes(x.grad_v, 2, 3)
+        stress = grad_v + np.swapaxes(grad_v, 2, 3)
         change -= np.swapaxes(
             (rows @ (derivatives.n[..., None, None] * stress)).reshape(shapes.shape), 3, 4
         )
+    if el.geometry.hoop is not None:
+        _add_curving_around(change, el, x, derivatives)
     change *= (el.mu * dV)[..., None, None, None]
     streamline = (
-        (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., None])[..., 0] if el.convection else None
+        (el.tau_supg * el.rho)[..., None] * (G @ x.c[..., :d, None])[..., 0]
+        if el.convection
+        else None
     )
     for m in range(d):
         right = change[:, :, :, m].reshape(E, Q, A * d)
@@ -360,26 +395,66 @@ def _add_curving(K, el, x, derivatives):
             K[:, :, m] += bilinear(streamline, right).reshape(E, A, A, d)
 
 
+def _add_curving_around(change, el, x, derivatives):
+    """Add to (E, Q, A, m, l) what the second derivatives of δy around the axis change, in place;
+    those of δy = N e_r are ∂_θ∂_θ δy_r = ∂_r∂_θ δy_θ = ∂_r (N/r) and ∂_z∂_θ δy_θ = ∂_z N/r, that of
+    N e_z ∂_θ∂_θ δy_z = ∂_r N/r.
+    """
+    radial, axial, other = el.second.shapes_around
+    grad_v = x.grad_v[:, :, None]
+    n = el.n[..., None]
+    change[..., 0] += (n * radial)[..., None] * grad_v[..., :2, 0]
+    change[..., 1] += (n * other)[..., None] * grad_v[..., :2, 1]
+    change[..., 0, 0] += n * radial * grad_v[..., 2, 2]
+    change[..., 1, 0] += n * axial * grad_v[..., 2, 2]
+    if derivatives is not None:
+        slope = np.stack([radial, axial], axis=-1)
+        stress = grad_v[..., :2, :2] + np.swapaxes(grad_v[..., :2, :2], -1, -2)
+        change[..., 0] -= derivatives.n[..., None, None] * (stress @ slope[..., None])[..., 0]
+
+
 def _assemble(N, geometry, x):
-    """Return the element matrices (E, A, k, A, d) of densities by the formula above."""
+    """Return the element matrices (E, A, k, A, d) of densities by the formula above; around an axis
+    without the row of the third direction.
+    """
     dV = geometry.dV
     E, _, A, d = geometry.G.shape
     Q, k = x.A.shape[1:]
     G = broadcast_gradient(geometry.G, Q)
+    right = _changes(x)
+    tests = (
+        np.concatenate([np.broadcast_to(N, (E, Q, A))[:, :, None], np.swapaxes(G, 2, 3)], axis=2)
+        * dV[..., None, None]
+    )
+    tests = tests.reshape(E, Q * (1 + d), A)
+
+    def change(row, test, column):
+        """Return what δy = N_b e_column does to what tests are multiplied with, (E, Q, T, A)."""
+        found = right[:, :, row, test, column, :d] @ np.swapaxes(G, 2, 3)
+        if geometry.hoop is not None and column == 0:
+            found += right[:, :, row, test, d, d, None] * geometry.hoop[:, :, None]
+        return found
+
+    rows = range(k) if geometry.hoop is None else [row for row in range(k) if row != d]
+    K = np.empty((E, A, len(rows), A, d))
+    for i, row in enumerate(rows):
+        for column in range(d):
+            plane = change(row, slice(1 + d), column)
+            K[:, :, i, :, column] = bilinear(tests, plane.reshape(E, Q * (1 + d), A))
+    if geometry.hoop is not None:
+        for column in range(d):
+            around = change(d, slice(1 + d, 2 + d), column)[:, :, 0]
+            K[:, :, 0, :, column] += bilinear(geometry.hoop * dV[..., None], around)
+    return K
+
+
+def _changes(x):
+    """Return DA and DB of the formula above, (E, Q, k, 1 + d, d, d)."""
+    E, Q, k, d = x.B.shape
     identity = np.eye(d)
     right = np.empty((E, Q, k, 1 + d, d, d))
     right[:, :, :, 0] = x.dA + x.A[..., None, None] * identity
     right[:, :, :, 1:] = (
         x.dB + x.B[..., None, None] * identity - np.einsum("eqki,jl->eqkjli", x.B, identity)
     )
-    tests = (
-        np.concatenate([np.broadcast_to(N, (E, Q, A))[:, :, None], np.swapaxes(G, 2, 3)], axis=2)
-        * dV[..., None, None]
-    )
-    tests = tests.reshape(E, Q * (1 + d), A)
-    K = np.empty((E, A, k, A, d))
-    for row in range(k):
-        for column in range(d):
-            change = right[:, :, row, :, column] @ np.swapaxes(G, 2, 3)
-            K[:, :, row, :, column] = bilinear(tests, change.reshape(E, Q * (1 + d), A))
-    return K
+    return right

@@ -7,6 +7,10 @@ over the current configuration: the adjoint of the volume balance ∫ q div v_s 
 v_s), whose natural traction is that of the mixture, (σ_E - p I) n = t̄.  A residual is internal
 minus external force; its terms are kept apart because their norms scale the convergence test and
 their powers make the energy balance.
+
+Around an axis (arguments `hoop`, N/r of `fem.geometry.Geometry`) a gradient of a vector is one in
+space with the directions r, z and, third, around the axis: H_θθ = u_r/R, and the law sees it with
+the others.  Nodal vectors have the components r and z, forces are those on the whole ring.
 """
 
 import numpy as np
@@ -19,9 +23,11 @@ from .contraction import add_point
 TERMS = ("stress", "inertia", "pressure", "drag", "body")
 
 
-def displacement_gradient(G0: np.ndarray, u: np.ndarray) -> np.ndarray:
+def displacement_gradient(
+    G0: np.ndarray, u: np.ndarray, hoop: np.ndarray | None = None
+) -> np.ndarray:
     """Return H_iJ = u_ai dN_a/dX_J = F_iJ - δ_iJ, (E, Q', d, d), for G0 (E, Q', A, d) and u = y - X
-    (E, A, d) [m].
+    (E, A, d) [m]; around an axis (E, Q, 3, 3), with hoop (E, Q, A).
 
     The positions enter as displacements from the reference: y would lose the digits of X/h
     (measured: 5e-6 of the force in a first small step of a 10 m column).
@@ -29,7 +35,12 @@ def displacement_gradient(G0: np.ndarray, u: np.ndarray) -> np.ndarray:
     E, points, A, d = G0.shape
     H = np.empty((E, points, d, d))
     _gradient_loop(A, d)(plain(G0), plain(u), H)
-    return H
+    if hoop is None:
+        return H
+    spatial = np.zeros((E, points, d + 1, d + 1))
+    spatial[..., :d, :d] = H
+    spatial[..., d, d] = (hoop @ u[:, :, :1])[..., 0]
+    return spatial
 
 
 @specialized
@@ -47,29 +58,45 @@ def _gradient_loop(A, d):
     return loop
 
 
-def stress_residual(G0: np.ndarray, dV0: np.ndarray, law: Stress, u: np.ndarray) -> np.ndarray:
+def stress_residual(
+    G0: np.ndarray, dV0: np.ndarray, law: Stress, u: np.ndarray, hoop: np.ndarray | None = None
+) -> np.ndarray:
     """Return ∫ ∇_X w : P dV0, (E, A, d) [N], for nodal displacements u = y - X, (E, A, d) [m]."""
-    P = law.stress(displacement_gradient(G0, u))
+    P = law.stress(displacement_gradient(G0, u, hoop))
     vectors = np.empty(u.shape)
-    _stress_loop(*u.shape[1:])(plain(G0), _volumes(G0, dV0), plain(P), vectors)
+    A, d = u.shape[1:]
+    _stress_loop(A, d, hoop is not None)(
+        plain(G0), _around(hoop), _volumes(G0, dV0), plain(P), vectors
+    )
     return vectors
 
 
+def _around(hoop):
+    """Return hoop (E, Q, A) for a compiled loop, empty where there is no axis."""
+    return np.empty((0, 0, 0)) if hoop is None else plain(hoop)
+
+
 def stress_load(
-    N: np.ndarray, G0: np.ndarray, normal: np.ndarray, law: Stress, u: np.ndarray
+    N: np.ndarray,
+    G0: np.ndarray,
+    normal: np.ndarray,
+    law: Stress,
+    u: np.ndarray,
+    hoop: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return ∮ N_a P·N dA0, (F, A, d) [N], of the stress in the cells behind facets.
 
     N (Q, A), G0 (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal
     times dA0; u (F, A, d) [m]
     """
-    P = law.stress(displacement_gradient(G0, u))
+    d = u.shape[-1]
+    P = law.stress(displacement_gradient(G0, u, hoop))[..., :d, :d]
     return N.T @ (P @ normal[..., None])[..., 0]
 
 
 @specialized
-def _stress_loop(A, d):
-    def loop(G0, dV0, P, vectors):
+def _stress_loop(A, d, ring):
+    def loop(G0, hoop, dV0, P, vectors):
         for e in range(len(vectors)):
             vectors[e] = 0.0
             for q in range(P.shape[1]):
@@ -79,12 +106,19 @@ def _stress_loop(A, d):
                         for J in range(d):
                             total += G0[e, q, a, J] * P[e, q, i, J]
                         vectors[e, a, i] += dV0[e, q] * total
+                    if ring:
+                        vectors[e, a, 0] += dV0[e, q] * hoop[e, q, a] * P[e, q, d, d]
 
     return loop
 
 
 def stress_tangent(
-    G0: np.ndarray, dV0: np.ndarray, law: Stress, u: np.ndarray, before: np.ndarray | None = None
+    G0: np.ndarray,
+    dV0: np.ndarray,
+    law: Stress,
+    u: np.ndarray,
+    before: np.ndarray | None = None,
+    hoop: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the derivative of `stress_residual` by y (or u), (E, A, d, A, d) [N/m].
 
@@ -93,32 +127,40 @@ def stress_tangent(
     """
     E, A, d = u.shape
     K = np.empty((E, A, d, A, d))
-    H = displacement_gradient(G0, u)
+    H = displacement_gradient(G0, u, hoop)
     tangent = plain(
         law.tangent(H)
         if before is None
-        else law.mixed_tangent(H, displacement_gradient(G0, before))
+        else law.mixed_tangent(H, displacement_gradient(G0, before, hoop))
     )
-    _tangent_loop(A, d)(plain(G0), _volumes(G0, dV0), tangent, K.reshape(E, A, -1))
+    _tangent_loop(A, d, hoop is not None)(
+        plain(G0), _around(hoop), _volumes(G0, dV0), tangent, K.reshape(E, A, -1)
+    )
     return K
 
 
 @specialized
-def _tangent_loop(A, d):
+def _tangent_loop(A, d, ring):
     """Return the loop over points: D[J, (i, b, k)] = dP_iJ/dF_kL dN_b/dX_L dV0, contracted with
-    dN_a/dX_J for node a.
+    dN_a/dX_J for node a; around an axis with a third direction, whose dN/dX_θ is N/R for radial
+    components and 0 for the others.
     """
     columns = d * A * d
+    directions = d + ring
 
-    def loop(G0, dV0, tangent, K):
-        g = stack((A, d))
-        D = stack((d, columns))
+    def loop(G0, hoop, dV0, tangent, K):
+        g = stack((A, directions))
+        D = stack((directions, columns))
+        if ring:
+            D[:] = 0.0
         for e in range(len(K)):
             K[e] = 0.0
             for q in range(tangent.shape[1]):
                 for a in range(A):
                     for J in range(d):
                         g[a, J] = G0[e, q, a, J]
+                    if ring:
+                        g[a, d] = hoop[e, q, a]
                 for J in range(d):
                     for i in range(d):
                         for b in range(A):
@@ -126,9 +168,20 @@ def _tangent_loop(A, d):
                                 total = 0.0
                                 for L in range(d):
                                     total += tangent[e, q, i, J, k, L] * g[b, L]
+                                if ring and k == 0:
+                                    total += tangent[e, q, i, J, d, d] * g[b, d]
                                 D[J, (i * A + b) * d + k] = dV0[e, q] * total
+                if ring:
+                    for b in range(A):
+                        for k in range(d):
+                            total = 0.0
+                            for L in range(d):
+                                total += tangent[e, q, d, d, k, L] * g[b, L]
+                            if k == 0:
+                                total += tangent[e, q, d, d, d, d] * g[b, d]
+                            D[d, b * d + k] = dV0[e, q] * total
                 for a in range(A):
-                    if d == 2:
+                    if directions == 2:
                         for z in range(columns):
                             K[e, a, z] += g[a, 0] * D[0, z] + g[a, 1] * D[1, z]
                     else:
@@ -165,9 +218,15 @@ def volumetric_compliance(law: Stress, H: np.ndarray) -> np.ndarray:
     return 0.5 * volume * (d / along + d**2 / dilation)
 
 
-def stored_energy(G0: np.ndarray, dV0: np.ndarray, law: StrainEnergy, u: np.ndarray) -> np.ndarray:
+def stored_energy(
+    G0: np.ndarray,
+    dV0: np.ndarray,
+    law: StrainEnergy,
+    u: np.ndarray,
+    hoop: np.ndarray | None = None,
+) -> np.ndarray:
     """Return ∫ Psi dV0 of every element, (E,) [J]."""
-    return (law.energy(displacement_gradient(G0, u)) * dV0).sum(axis=1)
+    return (law.energy(displacement_gradient(G0, u, hoop)) * dV0).sum(axis=1)
 
 
 def inertia_residual(N: np.ndarray, dV0: np.ndarray, rho_s: float, a: np.ndarray) -> np.ndarray:
@@ -187,20 +246,23 @@ def coupling_residual(
     n = plain(material.fluid_fraction(J))
     S = plain(material.drag(J))
     vectors = np.empty((len(w), A, 2 * d))
-    _coupling_loop(A, d, geometry.G.shape[1] == 1)(
-        plain(N), plain(geometry.G), plain(geometry.dV), n, S, plain(p), plain(w), vectors
+    hoop = geometry.hoop
+    arrays = plain(N), plain(geometry.G), _around(hoop), plain(geometry.dV), n, S
+    _coupling_loop(A, d, geometry.G.shape[1] == 1, hoop is not None)(
+        *arrays, plain(p), plain(w), vectors
     )
     return vectors[..., :d], vectors[..., d:]
 
 
 @specialized
-def _coupling_loop(A, d, affine):
+def _coupling_loop(A, d, affine, ring):
     """Return the loop that writes the pressure term and the drag term side by side, (E, A, 2 d)."""
-    rows = 1 + d
+    directions = d + ring
+    rows = 1 + directions
     columns = 2 * d
 
-    def loop(N, G, dV, n, S, p, w, vectors):
-        g = stack((A, d))
+    def loop(N, G, hoop, dV, n, S, p, w, vectors):
+        g = stack((A, directions))
         D = stack((rows, columns))
         D[:] = 0.0
         for e in range(len(vectors)):
@@ -211,6 +273,8 @@ def _coupling_loop(A, d, affine):
                     value += N[q, a] * p[e, a]
                     for j in range(d):
                         g[a, j] = G[e, 0 if affine else q, a, j]
+                    if ring:
+                        g[a, d] = hoop[e, q, a]
                 for i in range(d):
                     gradient = 0.0
                     relative = 0.0
@@ -220,7 +284,9 @@ def _coupling_loop(A, d, affine):
                     D[0, i] = -dV[e, q] * n[e, q] * gradient
                     D[0, d + i] = -dV[e, q] * S[e, q] * relative
                     D[1 + i, i] = -dV[e, q] * value
-                add_point(A, d, columns, N, q, g, D, e, vectors)
+                if ring:
+                    D[1 + d, 0] = -dV[e, q] * value
+                add_point(A, directions, columns, N, q, g, D, e, vectors)
 
     return loop
 

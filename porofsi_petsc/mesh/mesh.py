@@ -33,7 +33,8 @@ class Mesh:
     @cached_property
     def hash(self) -> str:
         """Return 16 hexadecimal digits of the SHA-256 over points, cells and tagged facets."""
-        digest = hashlib.sha256(self.element.name.encode())
+        kind = f"{self.element.name} around an axis" if self.element.axisymmetric else ""
+        digest = hashlib.sha256((kind or self.element.name).encode())
         for array in (self.points, self.cells, self.cell_region):
             digest.update(np.ascontiguousarray(array).tobytes())
         for tag in sorted(self.facets):

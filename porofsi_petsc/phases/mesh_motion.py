@@ -70,7 +70,7 @@ class MeshMotion:
         self.trail: list[list[float]] = []
         self.smallest_ratio = self.worst_shape = 1.0
         self._watch(self._reference, self.mesh.X)
-        volume = self.domain.reference.dV.sum(axis=1)
+        volume = self.domain.reference.section.sum(axis=1)
         mean = self.domain.sum_owned(volume) / max(
             self.mesh.comm.allreduce(int(self.domain.owned.sum())), 1
         )
@@ -214,7 +214,8 @@ class MeshMotion:
 
     def _require_orientation(self, u):
         """Raise ConvergenceError where the law has no stress any more, J <= 0 (collective)."""
-        H = kernel.displacement_gradient(self.domain.reference_stiffness.G, self.domain.gather(u))
+        stiffness = self.domain.reference_stiffness
+        H = kernel.displacement_gradient(stiffness.G, self.domain.gather(u), stiffness.hoop)
         self.domain.require(det_minus_one(H) > -1, self._inverted)
 
     def _inverted(self, place):
@@ -256,16 +257,15 @@ class MeshMotion:
         law = self.setup.law
         moves = change.any()
         forces = np.zeros((self.mesh.n_owned, self.mesh.dim))
-        for chunk, G, dV in self._stiffened():
+        for chunk, G, dV, hoop in self._stiffened():
             nodal = domain.gather(u, chunk)
             moved = domain.gather(change, chunk)
             vectors = kernel.stress_residual(
-                G, dV, law, nodal + moved if law.small_strain else nodal
+                G, dV, law, nodal + moved if law.small_strain else nodal, hoop
             )
             if moves and not law.small_strain:
-                vectors += np.einsum(
-                    "eaibj,ebj->eai", kernel.stress_tangent(G, dV, law, nodal), moved
-                )
+                K = kernel.stress_tangent(G, dV, law, nodal, hoop=hoop)
+                vectors += np.einsum("eaibj,ebj->eai", K, moved)
             domain.add(forces, chunk, vectors)
         return forces
 
@@ -276,8 +276,9 @@ class MeshMotion:
         return self._tangents(self._u1)
 
     def _tangents(self, u):
-        for chunk, G, dV in self._stiffened():
-            yield chunk, kernel.stress_tangent(G, dV, self.setup.law, self.domain.gather(u, chunk))
+        for chunk, G, dV, hoop in self._stiffened():
+            nodal = self.domain.gather(u, chunk)
+            yield chunk, kernel.stress_tangent(G, dV, self.setup.law, nodal, hoop=hoop)
 
     def _assemble(self, u):
         self.block.assemble(self._tangents(u))
@@ -285,10 +286,10 @@ class MeshMotion:
         self.block.refactor()
 
     def _stiffened(self):
-        """Yield (chunk, G, dV times the stiffening)."""
-        stiffness = self.domain.reference_stiffness
+        """Yield (chunk, G, dV times the stiffening, hoop)."""
         for _, chunk in self.domain.chunks((self.domain.cells.shape[1] * self.mesh.dim) ** 2):
-            yield chunk, stiffness.G[chunk], stiffness.dV[chunk] * self._stiffness[chunk, None]
+            part = self.domain.reference_stiffness.part(chunk)
+            yield chunk, part.G, part.dV * self._stiffness[chunk, None], part.hoop
 
     # -- end of a step -----------------------------------------------------------------------------
 

@@ -141,8 +141,9 @@ class PoreFluid(FluidPhase):
             if self.setup.has_auxiliary
             else 1.0
         )
+        reference = self.domain.reference.part(chunk)
         H = displacement_gradient(
-            self.domain.reference.G[chunk], self.domain.gather(skeleton.displacement, chunk)
+            reference.G, self.domain.gather(skeleton.displacement, chunk), reference.hoop
         )
         compliance = volumetric_compliance(material.elastic, H)
         kernel.add_skeleton_answer(values, elements, alpha2_cv * compliance, alpha2_cv / inertia)

@@ -41,7 +41,7 @@ class PressureOperators:
         self._surface, _ = facet_masses(domain, self._rows, local)
         nodes = domain.cells[self._rows[:, None], np.array(domain.element.facets)[local]]
         self._on_interface = setup.no_slip[nodes].all(axis=1)
-        self._extent = domain.sum_owned(domain.reference.dV.sum(axis=1)) ** (1 / domain.dim)
+        self._extent = domain.sum_owned(domain.reference.section.sum(axis=1)) ** (1 / domain.dim)
 
     def assemble(
         self,

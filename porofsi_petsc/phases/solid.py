@@ -262,8 +262,9 @@ class SolidPhase:
             for region, chunk in domain.chunks(self._doubles_per_cell):
                 material = setup.materials[region]
                 stiffness = domain.reference_stiffness.part(chunk)
+                nodal = domain.gather(u, chunk)
                 stress = kernel.stress_residual(
-                    stiffness.G, stiffness.dV, material.elastic, domain.gather(u, chunk)
+                    stiffness.G, stiffness.dV, material.elastic, nodal, stiffness.hoop
                 )
                 domain.add(terms["stress"], chunk, stress)
                 if setup.inertia:
@@ -335,8 +336,9 @@ class SolidPhase:
         oriented = np.ones((self.domain.n_cells, 1), dtype=bool)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             if not self._laws[region].small_strain:
+                stiffness = domain.reference_stiffness.part(chunk)
                 H = kernel.displacement_gradient(
-                    domain.reference_stiffness.G[chunk], self._u1[domain.cells[chunk]]
+                    stiffness.G, self._u1[domain.cells[chunk]], stiffness.hoop
                 )
                 oriented[chunk, 0] = (det_minus_one(H) > -1).all(axis=1)
         domain.require(oriented, self._inverted)
@@ -422,7 +424,9 @@ class SolidPhase:
             fields = [
                 None if field is None else domain.gather(field, chunk) for field in (u, before)
             ]
-            K = kernel.stress_tangent(stiffness.G, stiffness.dV, material.elastic, *fields)
+            K = kernel.stress_tangent(
+                stiffness.G, stiffness.dV, material.elastic, *fields, stiffness.hoop
+            )
             mass = weights(material, configuration, chunk, rates)
             if mass is not None:
                 add_isotropic(K, mass_matrix(domain.mass.N, mass), self.mesh.dim)
@@ -508,8 +512,9 @@ class SolidPhase:
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = self.setup.materials[region]
             stiffness = domain.reference_stiffness.part(chunk)
+            nodal = domain.gather(self.u, chunk)
             elastic[chunk] = kernel.stored_energy(
-                stiffness.G, stiffness.dV, self._laws[region], domain.gather(self.u, chunk)
+                stiffness.G, stiffness.dV, self._laws[region], nodal, stiffness.hoop
             )
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
             kinetic[chunk] = (

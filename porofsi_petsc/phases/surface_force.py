@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..fem.boundary import facet_areas, trace
+from ..fem.geometry import hoop_functions
 from ..kernels.solid import stress_load
 from ..kernels.surface import traction_load
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
@@ -220,4 +221,9 @@ class SolidForce(SurfaceForce):
         return self._domain.mesh.X
 
     def _loads_of_stress(self, surface, material, state, rows):
-        return stress_load(*surface, material.elastic, self._domain.gather(state.u, rows))
+        N, G, _ = surface
+        hoop = None
+        if self._domain.element.axisymmetric:
+            r = self._domain.mesh.X[self._domain.cells[rows], 0] @ N.T
+            hoop = hoop_functions(N, G, r)
+        return stress_load(*surface, material.elastic, self._domain.gather(state.u, rows), hoop)

@@ -8,6 +8,7 @@ from ..fem.distribute import LocalMesh, distribute
 from ..fem.domain import Domain
 from ..linalg.partition import partition
 from ..linalg.stopwatch import Stopwatch
+from ..mesh.axis import around_axis, tags_on_axis
 from ..mesh.check import boundary_tags, require_every_tag, require_regions, require_tags
 from ..mesh.generate import box, rectangle
 from ..mesh.graph import node_graph
@@ -16,6 +17,7 @@ from ..mesh.mesh import Mesh
 from ..mesh.read import read_mesh
 from ..output.files import on_root
 from .auto import AnyMedium, AutoMedium, auto_terms
+from .axis import check_axis
 from .fall_back import tried_by_itself
 from .interface import InterfaceBuilder
 from .locking import require_no_locking
@@ -34,6 +36,9 @@ def serial_mesh(scene: Scene) -> Mesh:
         if section.kind == "file"
         else _generated(section, where)
     )
+    if scene.axisymmetric:
+        mesh = around_axis(mesh, where)
+    on_axis = tags_on_axis(mesh, where)
     for i, material in enumerate(scene.material):
         if material.region != ("all",):
             require_regions(mesh, material.region, f"{where} [material.{i}.region]")
@@ -45,6 +50,7 @@ def serial_mesh(scene: Scene) -> Mesh:
     outer = set(boundary_tags(mesh)) - {
         tag for pair in scene.interface for tag in (*pair.fluid, *pair.solid)
     }
+    outer -= on_axis
     if INTERFACE not in mesh.facets:
         wetted = [tag for pair in scene.interface for tag in pair.fluid]
         mesh = with_interface(
@@ -55,6 +61,7 @@ def serial_mesh(scene: Scene) -> Mesh:
     require_every_tag(
         sorted(outer), [tag for boundary in scene.boundary for tag in boundary.on], where
     )
+    check_axis(scene, on_axis, where)
     if not scene.is_porous:
         check_sides(scene, mesh, kinds, where)
     require_supports(scene, mesh, kinds, where)

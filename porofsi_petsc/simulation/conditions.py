@@ -11,6 +11,7 @@ from ..config.sections import Time
 from ..config.types import Vector
 from ..fem.distribute import LocalMesh
 from ..fem.essential import Dirichlet, Essential
+from .axis import on_axis
 
 AXES = "xyz"
 AT_ONCE = 1e-15  # 0+, in first steps: a ramp, even one like √t, has not begun
@@ -61,12 +62,11 @@ def _is_zero(expression: Expression) -> bool:
 def dirichlet(
     scene: Scene, mesh: LocalMesh, components: int, given: Sequence[Essential]
 ) -> Dirichlet:
-    """Return the `Dirichlet` of some `Essential`s of a scene, which are compared at `sample_times`
-    (collective).
+    """Return the `Dirichlet` of some `Essential`s of a scene, and of the axis of one around it,
+    which are compared at `sample_times` (collective).
     """
-    return Dirichlet(
-        mesh, components, given, sample_times(scene.time), scene.source_path or "scene"
-    )
+    held = [*given, *(on_axis(mesh) if components == mesh.dim else [])]
+    return Dirichlet(mesh, components, held, sample_times(scene.time), scene.source_path or "scene")
 
 
 def sample_times(section: Time) -> list[float]:

@@ -25,6 +25,7 @@ from ..phases.free_fluid import FreeFluid
 from ..phases.interface_mixture import InterfaceMixture
 from ..phases.mesh_motion import MeshMotion
 from ..phases.setup import ElasticSolidSetup, FreeFluidSetup, MeshSetup
+from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
 from .start import put_at_start
@@ -240,8 +241,8 @@ class InterfaceBuilder(Builder):
             rho_s,
             rho_f,
             volume / mass.area,
-            mass.area**power,
-            (mass.area / facets) ** power,
+            mass.extent**power,
+            (mass.extent / facets) ** power,
         )
         return Conditions(self._pair, interface, choice.robin, self._masses)
 
@@ -262,7 +263,7 @@ class InterfaceBuilder(Builder):
         """
         section = self.scene.mesh_motion
         given = self.essentials("displacement", self._fluid_tags)
-        fixed = self._fluid_tags - {entry.tag for entry in given}
+        fixed = self._fluid_tags - {entry.tag for entry in given} - axis_tags(self.mesh)
         given += [
             Essential(tag, i, Expression(0.0), -np.inf)
             for tag in fixed

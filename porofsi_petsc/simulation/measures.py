@@ -149,7 +149,7 @@ class Measures:
 
     def stress(self, u: np.ndarray) -> np.ndarray:
         """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy,
-        yz, zz (2-D: plane strain).
+        yz, zz (2-D: plane strain, zz is across the plane; around an axis that is the hoop stress).
 
         That of the displacement gradient which each element has at the node, averaged over the
         elements there: of the order of the gradient, at a boundary too.
@@ -157,8 +157,9 @@ class Measures:
         domain = self._solid
         values = np.empty((*domain.cells.shape, 6))
         for region, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
+            nodes = self._at_nodes(chunk)
             H = _three_dimensional(
-                displacement_gradient(self._at_nodes(chunk).G, domain.gather(u, chunk))
+                displacement_gradient(nodes.G, domain.gather(u, chunk), nodes.hoop)
             )
             law = self._materials[region].elastic
             assert law is not None  # a solid has one
@@ -311,7 +312,8 @@ class Measures:
         return self._mesh.comm.allreduce(local, MPI.MAX)
 
     def _gradients(self, u, domain):
-        return displacement_gradient(domain.reference_stiffness.G, domain.gather(u))
+        stiffness = domain.reference_stiffness
+        return displacement_gradient(stiffness.G, domain.gather(u), stiffness.hoop)
 
     def _largest_strain(self, u):
         E = green_strain(self._gradients(u, self._solid))

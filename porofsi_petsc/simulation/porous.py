@@ -13,6 +13,7 @@ from ..phases.mixture import DirectMixture, QuasiDirectMixture
 from ..phases.pore_fluid import PoreFluid
 from ..phases.setup import PoreFluidSetup, SkeletonSetup
 from ..phases.skeleton import Skeleton
+from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, entries
 from .conditions import no_slip_nodes, nodes_of
 from .drainage import holds_normal, require_one_drainage
@@ -102,6 +103,8 @@ class PorousBuilder(Builder):
         for tag, component, _ in entries(self.scene, "displacement"):
             fixed[tag].add(component)
         mesh = self.mesh
+        for tag in axis_tags(mesh):
+            fixed.pop(tag, None)
         return [tag for tag, held in fixed.items() if not holds_normal(mesh, tag, sorted(held))]
 
     def _require_pressure_level(self, free, drained):

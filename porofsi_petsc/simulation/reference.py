@@ -215,10 +215,15 @@ def _mandel(scene, soil):
 
 
 def _unconfined(scene, soil):
-    """Return the fields of a cylinder around the z-axis, in two dimensions of a strip."""
+    """Return the fields of a cylinder around the z-axis or the axis of symmetry, in two dimensions
+    of a strip.
+    """
     section = scene.reference
     dim = scene.dim
-    kind, undrained = (UnconfinedCylinder, soil.mu) if dim == 3 else (UnconfinedStrip, 2 * soil.mu)
+    round_body = dim == 3 or scene.axisymmetric
+    kind, undrained = (
+        (UnconfinedCylinder, soil.mu) if round_body else (UnconfinedStrip, 2 * soil.mu)
+    )
     body = kind(section.strain, section.length, soil.lam, soil.mu, soil.diffusivity)
 
     def displacement(t, X):

@@ -44,6 +44,8 @@ def require_supports(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str
     if not len(cells):
         return
     held = _held(scene, mesh, cells)
+    if mesh.element.axisymmetric:
+        held[:, 0] = True  # the hoop stress holds what moves away from the axis
     part = _joined(cells)
     body = _joined(facet_groups(cells, mesh.element))
     for number in np.unique(part[~_wet(scene, mesh, of_solid, part)]):

@@ -138,6 +138,7 @@ CASES = {
     "unconfined_compression": SceneCase("unconfined_compression"),
     "strip_footing": SceneCase("strip_footing"),
     "cryer": SceneCase("cryer"),
+    "cryer_axisymmetric": SceneCase("cryer_axisymmetric", quick=True),
     "cryer_poisson_0": SceneCase("cryer", ("material.0.solid.poisson=0.0", CRYER_EXPECT)),
     "cryer_poisson_025": SceneCase("cryer", ("material.0.solid.poisson=0.25", CRYER_EXPECT)),
     "seabed": SceneCase("seabed"),

@@ -1,4 +1,4 @@
-"""Write an eighth of a ball of radius 1 m (Cryer's sphere); needs no gmsh."""
+"""Write an eighth of a ball of radius 1 m (Cryer's sphere), or its section; needs no gmsh."""
 
 from pathlib import Path
 
@@ -14,10 +14,13 @@ def main():
     parser.add_argument(
         "--cells", type=int, default=5, help="layers of elements between middle and surface"
     )
+    parser.add_argument(
+        "--dim", type=int, choices=(2, 3), default=3, help="2: the section beside the axis x = 0"
+    )
     parser.add_argument("--order", type=int, choices=(1, 2), default=2)
     parser.add_argument("--output", type=Path, required=True, help="mesh file (.msh 2.2)")
     options = parser.parse_args()
-    write_mesh(options.output, sector(options.cells, options.order, 3, radius=1.0))
+    write_mesh(options.output, sector(options.cells, options.order, options.dim, radius=1.0))
 
 
 if __name__ == "__main__":

@@ -40,6 +40,10 @@ BRINKMAN = (
     "model.moving_mesh=true",
 )
 VARIABLE = ("model.porosity=variable", "material.0.permeability.law=kozeny_carman")
+RINGS = {  # bodies of revolution, the left side their axis
+    "rings of T3": ("pulse2d", (*PLANE, "mesh.order=1", "mesh.axisymmetric=true")),
+    "rings of T6": ("pulse2d", (*PLANE, "mesh.order=2", "mesh.axisymmetric=true")),
+}
 # Central differences: truncation of the terms that are not quadratic (1e-8 at a step of 1e-4 of the
 # scale) and the round-off of residuals against their change (1e-12/1e-4).
 FD_STEP = 1e-4
@@ -50,7 +54,7 @@ def medium(mesh, *overrides):
     """Return the coupling of a scene on a small mesh on this rank alone, with the schemes and the
     rates of its first step.
     """
-    name, changes = MESHES[mesh]
+    name, changes = (MESHES | RINGS)[mesh]
     scene = load_scene(name, (*changes, "coupling.split=plain", *overrides))
     coupling = Simulation(scene, MPI.COMM_SELF).coupling
     return coupling, *Clock(scene.time).next_schemes(scene.model)
