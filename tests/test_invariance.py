@@ -63,7 +63,7 @@ def test_a_constant_pressure_has_no_net_force_and_no_moment_on_a_deformed_body(m
     fluid.set_initial(np.zeros_like(solid.u), pressure)
     for phase in (solid, fluid):
         phase.reset()
-    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_skeleton())
+    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_mesh_state())
     solid.begin_step(solid_scheme, 0.0)
     solid.unknowns = solid.u
     fluid.unknowns = np.column_stack(
@@ -81,7 +81,7 @@ def test_a_constant_pressure_has_no_net_force_and_no_moment_on_a_deformed_body(m
     assert np.abs(force[inner]).max(initial=0.0) < 1e-12 * largest
     assert np.abs(force.sum(axis=0)).max() < 1e-11 * largest
     assert np.abs(moments(positions, force)).max() < 1e-10 * largest
-    momentum, volume = fluid.residual(solid.skeleton())
+    momentum, volume = fluid.residual(solid.mesh_state())
     assert np.abs(momentum.terms["pressure"]).max() < 1e-11 * largest
     assert np.abs(volume.terms["undrained"]).max() == 0
 

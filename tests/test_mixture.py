@@ -22,8 +22,8 @@ OPTIONS = {
 
 def residuals(coupling):
     """Return the residuals of u, v_f and p of the trial state, (n_owned, 2 d + 1)."""
-    coupling.fluid.follow(coupling.solid.skeleton())
-    momentum, volume = coupling.fluid.residual(coupling.solid.skeleton())
+    coupling.fluid.follow(coupling.solid.mesh_state())
+    momentum, volume = coupling.fluid.residual(coupling.solid.mesh_state())
     return np.column_stack(
         [coupling.solid.residual(coupling.fluid.flow()).total, momentum.total, volume.total]
     )

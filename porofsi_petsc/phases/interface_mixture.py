@@ -100,7 +100,7 @@ class InterfaceMixture:
         d = self.mesh.dim
         tie = self._interface[: self.mesh.n_owned, None]
         found = padded(self._solid.coupled(rates), slice(d), 2 * d + 1)
-        of_fluid = self._fluid.coupled(self._motion.skeleton())
+        of_fluid = self._fluid.coupled(self._motion.mesh_state())
         for term in padded(of_fluid, slice(d, 2 * d), 2 * d + 1):
             on_interface = tie * term.vector[:, d : 2 * d]
             row, column = term.vector.copy(), term.vector
@@ -111,19 +111,19 @@ class InterfaceMixture:
 
     def _fill(self, values, rates):
         d = self.mesh.dim
-        skeleton = self._motion.skeleton()
+        mesh_state = self._motion.mesh_state()
         of_solid, of_fluid, of_mesh = self._rows
         for chunk, K in self._solid.trial_tangents(rates):
             values[of_solid[chunk], :, :d, :, :d] += K
-        for chunk, K in self._fluid.trial_tangents(rates, skeleton):
+        for chunk, K in self._fluid.trial_tangents(rates, mesh_state):
             values[of_fluid[chunk], :, d:, :, d:] += K
         if self._immersed:
             for chunk, K in self._solid.drag_tangents():
                 values[of_solid[chunk], :, :d, :, d:] += K
-            for chunk, K in self._fluid.drag_tangents(rates, skeleton):
+            for chunk, K in self._fluid.drag_tangents(rates, mesh_state):
                 values[of_fluid[chunk], :, d:, :, :d] += K
         if self._with_mesh:
-            for chunk, K in self._fluid.mesh_tangents(rates, skeleton):
+            for chunk, K in self._fluid.mesh_tangents(rates, mesh_state):
                 values[of_fluid[chunk], :, d:, :, :d] += K
         tie = self._interface[self._fluid.domain.cells][..., None]
         fluid = values[of_fluid]

@@ -91,7 +91,7 @@ class QuasiDirectMixture:
         """Make the matrix of the trial state (collective)."""
         values = self._solid.setup.new_tangents(2 * self.mesh.dim + 1)
         self.rates = rates
-        self._fill(values, rates, self._solid.skeleton())
+        self._fill(values, rates, self._solid.mesh_state())
         self._combine(values)
         self._scale(values)
         self.block.assemble([(slice(None), values)], self._coupled(rates))
@@ -103,15 +103,15 @@ class QuasiDirectMixture:
         """
         return padded(self._solid.coupled(rates), slice(self.mesh.dim), 2 * self.mesh.dim + 1)
 
-    def _fill(self, values, rates, skeleton):
+    def _fill(self, values, rates, mesh_state):
         d = self.mesh.dim
         for chunk, K in self._solid.trial_tangents(rates):
             values[chunk, :, :d, :, :d] = K
         for chunk, K in self._solid.exchange_tangents():
             values[chunk, :, :d, :, d:] = K
-        for chunk, K in self._fluid.exchange_tangents(rates, skeleton):
+        for chunk, K in self._fluid.exchange_tangents(rates, mesh_state):
             values[chunk, :, d:, :, :d] = K
-        for chunk, K in self._fluid.trial_tangents(rates, skeleton):
+        for chunk, K in self._fluid.trial_tangents(rates, mesh_state):
             values[chunk, :, d:, :, d:] = K
 
     def _combine(self, values):
@@ -123,7 +123,7 @@ class QuasiDirectMixture:
         """
         d = self.mesh.dim
         cells = self._solid.domain.cells
-        chi = self._fluid.dragged_fraction(self._solid.skeleton(), self.rates)[:, None]
+        chi = self._fluid.dragged_fraction(self._solid.mesh_state(), self.rates)[:, None]
         velocity_per_position = self._solid.scheme.rates(1.0, 0.0, 0.0, 0.0)[0]
         self._added = np.where(self._combined, chi, 0.0)
         self._tie = np.where(self._no_slip, velocity_per_position, self.rates.c_v * self._added)
@@ -168,14 +168,14 @@ class DirectMixture(QuasiDirectMixture):
     quadratically.
     """
 
-    def _fill(self, values, rates, skeleton):
-        super()._fill(values, rates, skeleton)
-        if not skeleton.moving_mesh:
+    def _fill(self, values, rates, mesh_state):
+        super()._fill(values, rates, mesh_state)
+        if not mesh_state.moving_mesh:
             return
         d = self.mesh.dim
         for chunk, K in self._solid.shape_tangents(self._fluid.flow()):
             values[chunk, :, :d, :, :d] += K
-        for chunk, K in self._fluid.shape_tangents(skeleton):
+        for chunk, K in self._fluid.shape_tangents(mesh_state):
             values[chunk, :, d:, :, :d] += K
 
 
@@ -199,7 +199,7 @@ class PhaseSweep:
         """Renew the tangents of both phases at the trial state (collective)."""
         rates = self._mixture.rates
         assert rates is not None  # those of the matrix
-        self._fluid.renew_tangent(rates, self._solid.skeleton())
+        self._fluid.renew_tangent(rates, self._solid.mesh_state())
         self._solid.renew_tangent(rates)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -366,11 +366,11 @@ def fluid_alone(truth, scene):
         )
         fluid.begin_step(scheme, rates, time, begin)
 
-        def correct(residuals, rates=rates, skeleton=middle):
-            fluid.renew_tangent(rates, skeleton)
+        def correct(residuals, rates=rates, mesh_state=middle):
+            fluid.renew_tangent(rates, mesh_state)
             fluid.correct(residuals)
 
-        converge(lambda skeleton=middle: fluid.residual(skeleton), correct)
+        converge(lambda mesh_state=middle: fluid.residual(mesh_state), correct)
         fluid.accept()
     return fluid
 
