@@ -15,7 +15,7 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.conditions import State
 from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.output.history import read_history
-from porofsi_petsc.phases.transfer import Rates
+from porofsi_petsc.phases.coupling_data import Rates
 
 BETA = 0.8
 # The top is at rest and the uniform flow (2, -1) m/s enters through it; everything else moves

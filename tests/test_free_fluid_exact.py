@@ -12,7 +12,7 @@ from free_flow import MU, NORMALS, Flow, at, solved
 from manufactured import functions, t, x, y
 
 from porofsi_petsc.coupling.convergence import EPSILON
-from porofsi_petsc.phases.transfer import Rates
+from porofsi_petsc.phases.coupling_data import Rates
 
 LAWS = ("harmonic", "linear_elastic", "neo_hookean")
 QUADRILATERAL = ("neo_hookean", "quadrilateral")

@@ -29,8 +29,8 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.linalg.stopwatch import Stopwatch
+from porofsi_petsc.phases.coupling_data import Flow, Rates
 from porofsi_petsc.phases.pore_fluid import PoreFluid
-from porofsi_petsc.phases.transfer import Flow, Rates
 from porofsi_petsc.simulation.porous import PorousBuilder
 
 pytestmark = pytest.mark.usefixtures("petsc")

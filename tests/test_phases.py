@@ -16,7 +16,7 @@ from small_media import (
     medium,
 )
 
-from porofsi_petsc.phases.transfer import Flow
+from porofsi_petsc.phases.coupling_data import Flow
 
 pytestmark = pytest.mark.usefixtures("petsc")
 

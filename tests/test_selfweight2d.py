@@ -13,7 +13,7 @@ from porofsi_petsc.config.catalogue import find_scene
 from porofsi_petsc.exact.selfweight import Selfweight
 from porofsi_petsc.fem.domain import Configuration
 from porofsi_petsc.materials import ELASTIC
-from porofsi_petsc.phases.transfer import Flow, Rates
+from porofsi_petsc.phases.coupling_data import Flow, Rates
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.simulation import Simulation
 

@@ -10,8 +10,8 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.fem.geometry import element_size_tensor
 from porofsi_petsc.kernels import stabilization
 from porofsi_petsc.linalg.stopwatch import Stopwatch
+from porofsi_petsc.phases.coupling_data import Rates
 from porofsi_petsc.phases.parameters import StabilizationParameters
-from porofsi_petsc.phases.transfer import Rates
 from porofsi_petsc.simulation.porous import PorousBuilder
 from porofsi_petsc.simulation.simulation import Simulation
 

@@ -13,8 +13,8 @@ from ..errors import ConvergenceError
 from ..fem.boundary import InterfacePressure
 from ..fem.transfer import InterfaceTransfer
 from ..phases.block import LinearBlock
+from ..phases.coupling_data import Flow, MeshState, Rates
 from ..phases.residual import Residual
-from ..phases.transfer import Flow, MeshState, Rates
 from .medium import Medium
 from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium

@@ -15,8 +15,8 @@ from ..clock import Scheme
 from ..errors import ConvergenceError
 from ..linalg.solver import LinearSolver
 from ..phases.block import LinearBlock
+from ..phases.coupling_data import Flow, MeshState, Rates
 from ..phases.residual import Residual, euclidean_norms
-from ..phases.transfer import Flow, MeshState, Rates
 from .convergence import Convergence
 from .protocols import Arrays, Fluid, Memory, Solid
 
@@ -84,7 +84,7 @@ class Medium:
         """Solve one step from time t (nothing is accepted); raise ConvergenceError at the cap.
 
         The iterations of a step that fails are added to `failed`.
-        schemes : (solid, fluid) time schemes; rates : `phases.transfer.Rates`.
+        schemes : (solid, fluid) time schemes; rates : `phases.coupling_data.Rates`.
         """
         solid_scheme, fluid_scheme = schemes
         accepted = self.accepted_mesh_state()

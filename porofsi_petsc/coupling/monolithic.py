@@ -6,8 +6,8 @@ from mpi4py import MPI
 
 from ..linalg.solver import LinearSolver
 from ..phases.block import LinearBlock
+from ..phases.coupling_data import MeshState, Rates
 from ..phases.residual import Residual
-from ..phases.transfer import MeshState, Rates
 from .medium import Medium
 from .protocols import Fluid, Mixture, Solid
 

@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from ..accelerators import Anderson, Plain, QuasiNewton
 from ..clock import Scheme
+from ..phases.coupling_data import MeshState, Rates
 from ..phases.tangent import Travel
-from ..phases.transfer import MeshState, Rates
 from .medium import Medium
 from .protocols import Arrays, Fluid, Memory, Solid
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ..phases.coupling_data import MeshState, Rates
 from ..phases.residual import Residual
-from ..phases.transfer import MeshState, Rates
 from .partitioned import PartitionedMedium
 from .protocols import PoreFluid
 

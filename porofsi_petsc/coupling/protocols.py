@@ -9,10 +9,10 @@ from ..clock import Scheme
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..phases.block import LinearBlock
+from ..phases.coupling_data import Flow, MeshState, Rates
 from ..phases.residual import Residual
 from ..phases.setup import FreeFluidSetup, PhaseSetup
 from ..phases.surface_terms import SurfaceTerms
-from ..phases.transfer import Flow, MeshState, Rates
 
 Arrays = dict[str, np.ndarray]  # name -> (n_owned, ...)
 Memory = dict[str, Any]  # name -> value with a JSON form

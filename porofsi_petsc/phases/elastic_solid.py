@@ -9,10 +9,10 @@ import numpy as np
 
 from ..clock import at_end
 from ..kernels import exchange
+from .coupling_data import Flow, Rates
 from .residual import Residual
 from .setup import ElasticSolidSetup
 from .solid import SolidPhase
-from .transfer import Flow, Rates
 
 
 class ElasticSolid(SolidPhase):

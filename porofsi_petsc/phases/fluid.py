@@ -16,6 +16,7 @@ from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .coupling_data import Flow, MeshState, Rates
 from .flow_fields import NodalFlow
 from .loads import body_acceleration
 from .parameters import StabilizationParameters
@@ -23,7 +24,6 @@ from .residual import Residual
 from .setup import FluidSetup
 from .surface_terms import SurfaceTerms
 from .tangent import TangentRule
-from .transfer import Flow, MeshState, Rates
 
 # change of the volume ratio after which a lagged tangent is renewed within a step
 VOLUME_CHANGE = 0.02

@@ -13,11 +13,11 @@ from ..linalg.dense_block import DenselyCoupled
 from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
+from .coupling_data import MeshState, Rates
 from .fluid import FluidPhase
 from .pressure_operators import PressureOperators
 from .residual import Residual
 from .setup import FreeFluidSetup
-from .transfer import MeshState, Rates
 
 
 class FreeFluid(FluidPhase):

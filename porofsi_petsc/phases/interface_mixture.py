@@ -10,11 +10,11 @@ from ..linalg.low_rank import Coupled, padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .coupling_data import Rates
 from .elastic_solid import ElasticSolid
 from .free_fluid import FreeFluid
 from .mesh_motion import MeshMotion
 from .residual import Residual
-from .transfer import Rates
 
 
 class InterfaceMixture:

@@ -15,8 +15,8 @@ from ..kernels import solid as kernel
 from ..linalg.stopwatch import timed
 from ..tensors import det_minus_one
 from .block import LinearBlock
+from .coupling_data import MeshState
 from .setup import MeshSetup
-from .transfer import MeshState
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any
 # coupling tolerance.

@@ -8,10 +8,10 @@ from ..linalg.low_rank import padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .coupling_data import Rates
 from .pore_fluid import PoreFluid
 from .residual import Residual
 from .skeleton import Skeleton
-from .transfer import Rates
 
 
 class QuasiDirectMixture:

@@ -4,8 +4,8 @@ import numpy as np
 
 from ..fem.geometry import element_size_tensor
 from ..kernels import stabilization
+from .coupling_data import MeshState, Rates
 from .setup import FluidSetup
-from .transfer import MeshState, Rates
 
 
 class StabilizationParameters:

@@ -12,11 +12,11 @@ from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
 from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
+from .coupling_data import MeshState, Rates
 from .fluid import FluidPhase
 from .residual import Residual
 from .setup import PoreFluidSetup
 from .surface_terms import SurfaceTerms
-from .transfer import MeshState, Rates
 
 
 class PoreFluid(FluidPhase):

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..kernels import exchange, shape
+from .coupling_data import Flow
 from .setup import SkeletonSetup
 from .solid import SolidPhase
-from .transfer import Flow
 
 
 class Skeleton(SolidPhase):

@@ -17,12 +17,12 @@ from ..linalg.stopwatch import timed
 from ..materials.elastic import ElasticLaw
 from ..tensors import det_minus_one
 from .block import LinearBlock
+from .coupling_data import Flow, MeshState, Rates
 from .loads import body_acceleration
 from .residual import Residual
 from .setup import SolidSetup
 from .surface_terms import SurfaceTerms
 from .tangent import TangentRule
-from .transfer import Flow, MeshState, Rates
 
 # The residual of a body that turns stays at 0.7 to 2.5 times the round-off of what cancels
 # (measured on a slender beam, the beam of the Hron-Turek channel and the ring, both last at 5e-10

@@ -22,8 +22,8 @@ from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.porous import PorousMaterial
 from ..materials.strain import deformation, green_strain
+from ..phases.coupling_data import MeshState
 from ..phases.residual import Residual
-from ..phases.transfer import MeshState
 from ..tensors import det_minus_one, transpose
 from .auto import AnyMedium, at_start
 from .builder import materials_of
