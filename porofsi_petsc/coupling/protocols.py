@@ -1,4 +1,4 @@
-"""What a coupling sees of the phases, of the mesh that follows one and of a mixture of both."""
+"""What a coupling sees of the phases, of the mesh that follows one and of both in one matrix."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -159,7 +159,7 @@ class Motion(Protocol):
     def load_state(self, arrays: Arrays, memory: Memory) -> None: ...
 
 
-class Mixture(Protocol):
+class MonolithicSystem(Protocol):
     """Both phases in one matrix."""
 
     block: LinearBlock

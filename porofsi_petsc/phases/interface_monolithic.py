@@ -5,7 +5,7 @@ iterations over an interface.
 import numpy as np
 
 from ..fem.domain import Domain
-from ..linalg.fieldsplit import mixture_defaults
+from ..linalg.fieldsplit import monolithic_defaults
 from ..linalg.low_rank import Coupled, padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
@@ -17,7 +17,7 @@ from .mesh_motion import MeshMotion
 from .residual import Residual
 
 
-class InterfaceMixture:
+class InterfaceSystem:
     """One Newton step for (u, v_f, p), unknowns of a node together, u of the solid or (direct) of
     the fluid's mesh.
 
@@ -27,7 +27,7 @@ class InterfaceMixture:
     and converges quadratically.
     """
 
-    prefix = "mixture_"
+    prefix = "monolithic_"
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class InterfaceMixture:
         """Return a factorization, in 3-D too: this matrix has no preconditioner of its own yet."""
         m = self._mask.shape[1]
         null = self._fluid.setup.constant_pressures(self._domain, m, m - 1)
-        defaults = mixture_defaults(direct=True)
+        defaults = monolithic_defaults(direct=True)
         return LinearSolver(matrix.mat, self.prefix, defaults, null_vectors=null)
 
     def _make_mask(self, solid_setup, fluid_setup, mesh_setup):
