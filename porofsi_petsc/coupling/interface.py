@@ -217,7 +217,7 @@ class _Sweep(InterfaceSweep):
         before = self.solid.unknowns[self._rows]
         own = solid_residual.unconstrained - solid_residual.terms["interface"]
         self.fluid.correct(fluid_residuals, fluid_residuals[0].unconstrained + own)
-        extra = self._conditions.pull(self.fluid, self.solid)
+        extra = self._conditions.robin_force(self.fluid, self.solid)
         solid_residual = self.solid.residual(
             self._with_force(self.fluid.interface_force(self.mesh_state()))
         )

@@ -111,7 +111,7 @@ class Conditions:
             alpha = fluid_impedance(this.rho_f, sqrt(this.extent * this.facet) / pi, rates)
             solid.robin_coefficient = min(alpha, TANGENTIAL * fluid.robin_coefficient)
 
-    def pull(self, fluid: InterfaceFluid, solid: InterfaceSolid) -> np.ndarray:
+    def robin_force(self, fluid: InterfaceFluid, solid: InterfaceSolid) -> np.ndarray:
         """Return α_s M (v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told the
         velocity takes it.
         """

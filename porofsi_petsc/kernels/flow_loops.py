@@ -81,7 +81,7 @@ class Point(NamedTuple):
     c: np.ndarray
     w: np.ndarray
     residual: np.ndarray
-    pull: np.ndarray
+    inverse: np.ndarray
     bent: np.ndarray
     second: np.ndarray
     hessian_v: np.ndarray
@@ -186,10 +186,10 @@ def _set_pull(A, d, el, x):
     """Set dxi_m/dx_i, (d, d) [1/m]: the map represents xi by its values at the nodes."""
     for m in range(d):
         for i in range(d):
-            pull = 0.0
+            inverse = 0.0
             for a in range(A):
-                pull += el.nodes[a, m] * x.g[a, i]
-            x.pull[m, i] = pull
+                inverse += el.nodes[a, m] * x.g[a, i]
+            x.inverse[m, i] = inverse
 
 
 @inlined
@@ -208,7 +208,7 @@ def _set_second_derivatives(d, U, row, gradient, k, el, point, x):
             total = 0.0
             for m in range(d):
                 for n in range(d):
-                    total += x.bent[m, n] * x.pull[m, i] * x.pull[n, j]
+                    total += x.bent[m, n] * x.inverse[m, i] * x.inverse[n, j]
             x.second[i, j] = x.second[j, i] = total
 
 
