@@ -15,7 +15,7 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.conditions import State
 from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.output.history import read_history
-from porofsi_petsc.phases.transfer import Rates
+from porofsi_petsc.phases.coupling_data import Rates
 
 BETA = 0.8
 # The top is at rest and the uniform flow (2, -1) m/s enters through it; everything else moves
@@ -73,7 +73,7 @@ def test_tangent():
     """
     coupling = solved(ENTERING, "mesh.order=2", "coupling.tolerance=1e-9", disturbance=0.1)
     fluid = coupling.fluid
-    carrier = coupling.motion.skeleton()
+    mesh_state = coupling.motion.mesh_state()
     random = np.random.default_rng(5)
     pressure = fluid.unknowns[:, 2]
     start = fluid.unknowns[:, :2] + random.standard_normal(fluid.v.shape)
@@ -82,13 +82,13 @@ def test_tangent():
     def residual(step):
         velocity = start + step * change / fluid.scheme.alpha_f
         fluid.unknowns = np.column_stack([velocity, pressure])
-        return fluid.residual(carrier)[0].unconstrained
+        return fluid.residual(mesh_state)[0].unconstrained
 
     step = 1e-6
     difference = (residual(step) - residual(-step)) / (2 * step)
     residual(0.0)
     vectors = np.empty((*fluid.domain.cells.shape, 2))
-    for chunk, K in fluid.trial_tangents(Rates(fluid.scheme.c_v, 0.0, 0.0), carrier):
+    for chunk, K in fluid.trial_tangents(Rates(fluid.scheme.c_v, 0.0, 0.0), mesh_state):
         vectors[chunk] = np.einsum(
             "eaibj,ebj->eai", K[:, :, :2, :, :2], change[fluid.domain.cells[chunk]]
         )
@@ -97,7 +97,7 @@ def test_tangent():
     top = fluid.mesh.X[:, 1] > 1 - 1e-9
     term = np.zeros_like(exact)
     (place,) = [place for place in fluid.surfaces if place.key.endswith("backflow:top")]
-    state = State(0.0, carrier.displacement, start, start)
+    state = State(0.0, mesh_state.displacement, start, start)
     place.surface.add_to(term, place.condition.residual(state))
     on_top, elsewhere = (np.abs(term[here]).max() for here in (top, ~top))
     print(

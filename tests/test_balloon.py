@@ -55,7 +55,7 @@ def filled(*options):
 
         def look(clock, coupling, energy):
             volume = domain.sum_owned(
-                coupling.accepted_carrier().configuration.geometry.dV.sum(axis=1)
+                coupling.accepted_mesh_state().configuration.geometry.dV.sum(axis=1)
             )
             pressure = coupling.fluid.state()["p_collocated"]
             rows.append((clock.t, volume, coupling.solid.u[point, 0], pressure[point]))

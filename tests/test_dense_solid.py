@@ -39,7 +39,7 @@ def assert_no_fluid(summary):
     """Nothing of a fluid, of a mesh in motion or of both together was assembled, factored or
     solved.
     """
-    for block in ("fluid", "mesh", "mixture"):
+    for block in ("fluid", "mesh", "monolithic"):
         assert (
             summary["assemblies"][block]
             == summary["factorizations"][block]

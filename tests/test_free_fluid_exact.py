@@ -12,7 +12,7 @@ from free_flow import MU, NORMALS, Flow, at, solved
 from manufactured import functions, t, x, y
 
 from porofsi_petsc.coupling.convergence import EPSILON
-from porofsi_petsc.phases.transfer import Rates
+from porofsi_petsc.phases.coupling_data import Rates
 
 LAWS = ("harmonic", "linear_elastic", "neo_hookean")
 QUADRILATERAL = ("neo_hookean", "quadrilateral")
@@ -59,17 +59,17 @@ def test_what_passes_for_round_off_is_that_of_a_uniform_flow():
     flow = Flow(2 * y - x, sp.S.Zero, WILD)
     coupling = solved(flow, "mesh.order=2")
     fluid = coupling.fluid
-    carrier = coupling.motion.skeleton()
+    mesh_state = coupling.motion.mesh_state()
     rates = Rates(fluid.scheme.c_v, 0.0, 0.0)
     bounds = {
         field: EPSILON * np.linalg.norm(size)
-        for field, size in fluid.cancelling(carrier, rates).items()
+        for field, size in fluid.cancelling(mesh_state, rates).items()
     }
-    uniform = norms(fluid.residual(carrier))
+    uniform = norms(fluid.residual(mesh_state))
     factor = np.ones_like(fluid.unknowns)
     factor[:, :2] += 1e-10 * np.random.default_rng(3).standard_normal(fluid.v.shape)
     fluid.unknowns = fluid.unknowns * factor
-    disturbed = norms(fluid.residual(carrier))
+    disturbed = norms(fluid.residual(mesh_state))
     for field, bound in bounds.items():
         print(
             f"{field}: residual {uniform[field]:.1e}, bound {bound:.1e}, disturbed"

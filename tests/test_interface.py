@@ -186,7 +186,7 @@ def test_a_converged_step_satisfies_the_monolithic_balance(scheme):
     motion = coupling.motion
     here = solid.domain.holds & fluid.domain.holds
     assert np.array_equal(motion.end_displacement[here], solid.end_displacement[here])
-    assert np.array_equal(fluid.unknowns[here, :2], solid.skeleton().end_velocity[here])
+    assert np.array_equal(fluid.unknowns[here, :2], solid.mesh_state().end_velocity[here])
     own = solid_residual.unconstrained - solid_residual.terms["interface"]
     both = own + np.where(
         here[: len(own), None], momentum.unconstrained, 0.0

@@ -29,8 +29,8 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.linalg.stopwatch import Stopwatch
+from porofsi_petsc.phases.coupling_data import Flow, Rates
 from porofsi_petsc.phases.pore_fluid import PoreFluid
-from porofsi_petsc.phases.transfer import Flow, Rates
 from porofsi_petsc.simulation.porous import PorousBuilder
 
 pytestmark = pytest.mark.usefixtures("petsc")
@@ -63,7 +63,7 @@ def test_a_constant_pressure_has_no_net_force_and_no_moment_on_a_deformed_body(m
     fluid.set_initial(np.zeros_like(solid.u), pressure)
     for phase in (solid, fluid):
         phase.reset()
-    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_skeleton())
+    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_mesh_state())
     solid.begin_step(solid_scheme, 0.0)
     solid.unknowns = solid.u
     fluid.unknowns = np.column_stack(
@@ -81,7 +81,7 @@ def test_a_constant_pressure_has_no_net_force_and_no_moment_on_a_deformed_body(m
     assert np.abs(force[inner]).max(initial=0.0) < 1e-12 * largest
     assert np.abs(force.sum(axis=0)).max() < 1e-11 * largest
     assert np.abs(moments(positions, force)).max() < 1e-10 * largest
-    momentum, volume = fluid.residual(solid.skeleton())
+    momentum, volume = fluid.residual(solid.mesh_state())
     assert np.abs(momentum.terms["pressure"]).max() < 1e-11 * largest
     assert np.abs(volume.terms["undrained"]).max() == 0
 

@@ -151,10 +151,12 @@ def test_second_derivatives_are_those_of_curved_elements(name):
         dG.append((plus.G - minus.G) / (2 * FD_STEP))
         d_ln_J.append(np.log(plus.dV / plus_0.dV * minus_0.dV / minus.dV) / (2 * FD_STEP))
     current, _, second = at(xi)
-    pull = np.linalg.inv(np.einsum("eak,qam->eqkm", x, element.gradient(xi)))
-    shapes = np.einsum("meqai,eqmj->eqaij", dG, pull)
+    inverse = np.linalg.inv(np.einsum("eak,qam->eqkm", x, element.gradient(xi)))
+    shapes = np.einsum("meqai,eqmj->eqaij", dG, inverse)
     assert relative(second.shapes, shapes) < FD_TOLERANCE
-    assert relative(second.volume_gradient, np.einsum("meq,eqmj->eqj", d_ln_J, pull)) < FD_TOLERANCE
+    assert (
+        relative(second.volume_gradient, np.einsum("meq,eqmj->eqj", d_ln_J, inverse)) < FD_TOLERANCE
+    )
     U = rng.standard_normal(X.shape)
     gradient = np.einsum("eak,eqaj->eqkj", U, current.G)
     field = np.einsum("eak,eqaij->eqkij", U, shapes)

@@ -45,6 +45,29 @@ def in_new_process(code, environment="", cwd=None):
     return done.stdout.splitlines()
 
 
+@pytest.mark.parametrize("given", ["scene", "command line", "file"])
+def test_a_prefix_of_before_is_refused_with_the_one_of_now(given, tmp_path):
+    """The block of the monolithic schemes was called mixture_."""
+    text = "-mixture_pc_type lu"
+    (tmp_path / "old.opt").write_text(text)
+    words = {"command line": text.split(), "file": ["-options_file", str(tmp_path / "old.opt")]}
+    with pytest.raises(InputError, match="received -mixture_pc_type, .* -monolithic_pc_type"):
+        options.start(text if given == "scene" else "", words.get(given, []))
+
+
+def test_a_prefix_of_before_in_the_environment_is_refused_too():
+    code = """
+from porofsi_petsc.errors import InputError
+from porofsi_petsc.linalg import options
+try:
+    options.start()
+except InputError as error:
+    print(error)
+"""
+    (line,) = in_new_process(code, "-mixture_pc_type lu")
+    assert line.endswith("write -monolithic_pc_type")
+
+
 def test_command_line_beats_scene_beats_default():
     options.start("-solid_ksp_rtol 1e-3 -solid_pc_type jacobi", ["-solid_ksp_rtol", "1e-5"])
     options.set_defaults("solid_", {"ksp_rtol": 1e-8, "pc_type": "gamg", "ksp_type": "cg"})

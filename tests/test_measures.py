@@ -63,14 +63,14 @@ class Body:
                 mesh=solid.mesh,
                 unknowns=X @ H.T,
                 v=np.zeros_like(X),
-                skeleton=lambda: SimpleNamespace(end_velocity=one * v_s),
+                mesh_state=lambda: SimpleNamespace(end_velocity=one * v_s),
             ),
             fluid=SimpleNamespace(
                 unknowns=np.hstack([one * v_f, one]),
                 v=np.zeros_like(X),
                 scheme=SimpleNamespace(c_v=1 / dt),
             ),
-            carrier=lambda: SimpleNamespace(end_velocity=one * v_s),
+            mesh_state=lambda: SimpleNamespace(end_velocity=one * v_s),
             residuals=(residual, (residual, residual)),
         )
         return self.measures.neglected_sizes(trial, dt)
@@ -214,8 +214,8 @@ def test_porosity_field_is_that_of_the_volume_ratio():
     body = Body("model.moving_mesh=true", "model.porosity=variable", *QUASI_STATIC)
     domain = body.coupling.fluid.domain
     J = np.full((domain.n_cells, len(domain.mass.weights)), 1.25)
-    skeleton = SimpleNamespace(configuration=SimpleNamespace(J=J))
-    assert body.measures.porosity(skeleton) == pytest.approx(
+    mesh_state = SimpleNamespace(configuration=SimpleNamespace(J=J))
+    assert body.measures.porosity(mesh_state) == pytest.approx(
         np.full((4, 1), 1 - N_S / 1.25), rel=ROUND_OFF
     )
 

@@ -187,7 +187,7 @@ def solver_iterations(monkeypatch, scene, *overrides):
     coupling = Simulation(loaded, MPI.COMM_SELF).coupling
     schemes, rates = Clock(loaded.time).next_schemes(loaded.model)
     coupling.step(schemes, rates, 0.0, 1)
-    iterations = list(coupling.mixture.block.solver.iterations)
+    iterations = list(coupling.system.block.solver.iterations)
     for block in coupling.blocks.values():
         block.solver.destroy()
     return iterations
@@ -226,7 +226,7 @@ def test_two_ranks_solve_like_one(tmp_path):
     one, two = (history(job.directory) for job in jobs.values())
     for column in set(one) - {"t"}:
         assert np.abs(one[column] - two[column]).max() <= 1e-8 * np.abs(one[column]).max(), column
-    assert summary(jobs[2].directory)["linear_iterations"]["mixture"]["max"] <= 13
+    assert summary(jobs[2].directory)["linear_iterations"]["monolithic"]["max"] <= 13
 
 
 # -- the level of the pressure ---------------------------------------------------------------------

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from porofsi_petsc.phases.coupling_data import Rates
 from porofsi_petsc.phases.tangent import Travel
-from porofsi_petsc.phases.transfer import Rates
 
 RATES = Rates(1.0, 1.0, 1.0)
 

@@ -502,7 +502,7 @@ def test_the_initial_state_crosses_too(order, tmp_path):
     )  # 4 + 2 + 4 facets of the flap, cut in three, of some nodes each
     for field, slope in ((medium.motion.u, 0.1), (medium.motion.v, 2.0), (medium.fluid.v, 2.0)):
         assert np.abs(field[here, 0] - slope * mesh.X[here, 1]).max() < ROUND_OFF * slope
-    assert medium.motion.accepted_skeleton().configuration.J.min() > 0.5
+    assert medium.motion.accepted_mesh_state().configuration.J.min() > 0.5
 
 
 SHORT = (

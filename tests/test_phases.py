@@ -16,7 +16,7 @@ from small_media import (
     medium,
 )
 
-from porofsi_petsc.phases.transfer import Flow
+from porofsi_petsc.phases.coupling_data import Flow
 
 pytestmark = pytest.mark.usefixtures("petsc")
 
@@ -62,13 +62,13 @@ def test_fluid_tangent_is_the_derivative_of_its_residual(mesh, options):
     coupling, rates = in_motion(mesh, *options)
     fluid = coupling.fluid
     d = coupling.solid.mesh.dim
-    skeleton = coupling.solid.skeleton()
+    mesh_state = coupling.solid.mesh_state()
 
     def residual():
-        momentum, volume = fluid.residual(skeleton)
+        momentum, volume = fluid.residual(mesh_state)
         return np.column_stack([momentum.total, volume.total])
 
-    fluid.renew_tangent(rates, skeleton)
+    fluid.renew_tangent(rates, mesh_state)
     expected = difference(fluid, residual, [0.3] * d + [1e4])
     free = ~fluid.setup.mask.ravel()
     pressure = np.tile(np.arange(d + 1) == d, len(free) // (d + 1))
@@ -106,13 +106,15 @@ def test_a_term_left_out_of_the_tangent_would_be_seen():
     """
     coupling, rates = in_motion("T3", *DARCY, "coupling.split=corrected")
     fluid = coupling.fluid
-    skeleton = coupling.solid.skeleton()
-    fluid.renew_tangent(rates, skeleton)
+    mesh_state = coupling.solid.mesh_state()
+    fluid.renew_tangent(rates, mesh_state)
     m = fluid.components
     n = fluid.mesh.n_owned
     matrix = dense(fluid.block.matrix.mat).reshape(n, m, n, m)[:, :3, :, :3].reshape(3 * n, 3 * n)
     expected = difference(
-        fluid, lambda: np.column_stack([r.total for r in fluid.residual(skeleton)]), [0.3, 0.3, 1e4]
+        fluid,
+        lambda: np.column_stack([r.total for r in fluid.residual(mesh_state)]),
+        [0.3, 0.3, 1e4],
     )
     free = ~fluid.setup.mask[:, :3].ravel()
     with pytest.raises(AssertionError):
@@ -173,17 +175,17 @@ def test_a_uniform_flow_on_a_moving_mesh_stays_uniform(mesh, options):
     fluid.v[:] = uniform
     for phase in (solid, fluid):
         phase.reset()
-    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_skeleton())
+    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_mesh_state())
     solid.begin_step(solid_scheme, 0.0)
     fluid.unknowns = np.column_stack(
         [np.tile(uniform, (fluid.mesh.n_owned, 1)), np.zeros(fluid.mesh.n_owned)]
     )
-    momentum, volume = fluid.residual(solid.skeleton())
+    momentum, volume = fluid.residual(solid.mesh_state())
     drag = np.abs(momentum.terms["drag"]).max()
     for name in ("inertia", "pressure", "viscous", "body"):
         assert np.abs(momentum.terms[name]).max() < 1e-12 * drag, (
             name
         )  # round-off beside the drag, the one true force
     fluid.unknowns = fluid.unknowns * (1 + 1e-6 * rng.standard_normal(fluid.unknowns.shape))
-    moved, _ = fluid.residual(solid.skeleton())
+    moved, _ = fluid.residual(solid.mesh_state())
     assert np.abs(moved.terms["inertia"]).max() > 1e-9 * drag

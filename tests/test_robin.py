@@ -10,7 +10,7 @@ import pytest
 
 from porofsi_petsc.config import Scene
 from porofsi_petsc.coupling.robin import Conditions, Interface, fluid_impedance, solid_impedance
-from porofsi_petsc.phases.transfer import Rates
+from porofsi_petsc.phases.coupling_data import Rates
 from porofsi_petsc.studies.trial import attempt
 
 RATES = Rates(c_f=200.0, c_v=200.0, c_a=4e4)

@@ -70,9 +70,9 @@ ALLOWED = (
     "-solid_pc_type gamg -solid_pc_gamg_threshold 0.01,-1 -solid_pc_gamg_reuse_interpolation false",
     (
         "-mesh_ksp_converged_reason -mesh_ksp_monitor -mesh_ksp_view ::ascii_info_detail"
-        " -mixture_ksp_view ascii"
+        " -monolithic_ksp_view ascii"
     ),
-    "-mixture_pc_type python -solid_sub_pc_python_type porofsi_petsc.linalg.pyamg_pc.PyAMG",
+    "-monolithic_pc_type python -solid_sub_pc_python_type porofsi_petsc.linalg.pyamg_pc.PyAMG",
     "-log_view -options_left",
     "-fluid_pc_fieldsplit_schur_fact_type upper # a comment",
 )

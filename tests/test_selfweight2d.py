@@ -13,7 +13,7 @@ from porofsi_petsc.config.catalogue import find_scene
 from porofsi_petsc.exact.selfweight import Selfweight
 from porofsi_petsc.fem.domain import Configuration
 from porofsi_petsc.materials import ELASTIC
-from porofsi_petsc.phases.transfer import Flow, Rates
+from porofsi_petsc.phases.coupling_data import Flow, Rates
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.simulation import Simulation
 
@@ -148,9 +148,9 @@ def volume_rate(solid, dt):
     """Return the rate of the volume of the trial state: a central difference is exact for what is
     quadratic in the positions.
     """
-    skeleton = solid.skeleton()
-    u = skeleton.displacement
-    v = skeleton.velocity
+    mesh_state = solid.mesh_state()
+    u = mesh_state.displacement
+    v = mesh_state.velocity
     return (volume_of(solid.domain, u + dt * v) - volume_of(solid.domain, u - dt * v)) / (2 * dt)
 
 
@@ -205,10 +205,10 @@ def test_variable_porosity_keeps_the_mass_of_the_solid(porosity):
     settling = (*VARIANTS["variable porosity"], *VARIANTS["2 g"], f"model.porosity={porosity}")
     solids = []
     for medium, *_ in march(settling, 0.1, 1.0):
-        skeleton = medium.solid.skeleton()
+        mesh_state = medium.solid.mesh_state()
         material = medium.solid.setup.materials["body"]
-        n_s = 1 - material.fluid_fraction(skeleton.configuration.J)
-        solids.append((n_s * skeleton.configuration.geometry.dV).sum())
+        n_s = 1 - material.fluid_fraction(mesh_state.configuration.J)
+        solids.append((n_s * mesh_state.configuration.geometry.dV).sum())
     change = np.abs(np.array(solids) / 0.67 - 1).max()
     # round-off of the sum over the elements; the motion changes the volume by 1 %
     assert change < 1e-14 if porosity == "variable" else change > 1e-4

@@ -34,13 +34,13 @@ FREE = {
     "3-D": (str(SCENES / "block_in_channel3d.toml"), CHANNEL),
 }
 DIRECT = ("coupling.scheme=direct",)
-MIXTURE = {name: (scene, (*changes, *DIRECT)) for name, (scene, changes) in POROUS.items()}
+MONOLITHIC = {name: (scene, (*changes, *DIRECT)) for name, (scene, changes) in POROUS.items()}
 # Scenes that have the solver of a recipe, by the first word of its name, and what factors all their
 # matrices.
 RUNS = {
     "free": (FREE, ("direct",)),
     "mesh": (FREE, ("direct",)),
-    "mixture": (MIXTURE, ("mixture_direct",)),
+    "monolithic": (MONOLITHIC, ("monolithic_direct",)),
 }
 DEFAULT_RUNS = (POROUS, ("direct",))
 # Coupling residuals of 1e-10 of the largest force, times the condition of the coupled problem
@@ -115,7 +115,7 @@ def test_recipe_gives_the_results_of_mumps(factored, recipe, dimension, shared_p
     scene, changes, expected = factored(recipe.partition("_")[0], dimension)
     computed = run(scene, changes, shared_path / "run", (recipe,))
     assert_same(computed, expected)
-    block = next(name for name in ("fluid", "solid", "mesh", "mixture") if name in recipe)
+    block = next(name for name in ("fluid", "solid", "mesh", "monolithic") if name in recipe)
     assert 1 < computed[2]["linear_iterations"][block]["max"] <= 25
     assert (
         np.abs(computed[0]["coupling_iterations"] - expected[0]["coupling_iterations"]).max() <= 1

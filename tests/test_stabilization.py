@@ -10,8 +10,8 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.fem.geometry import element_size_tensor
 from porofsi_petsc.kernels import stabilization
 from porofsi_petsc.linalg.stopwatch import Stopwatch
+from porofsi_petsc.phases.coupling_data import Rates
 from porofsi_petsc.phases.parameters import StabilizationParameters
-from porofsi_petsc.phases.transfer import Rates
 from porofsi_petsc.simulation.porous import PorousBuilder
 from porofsi_petsc.simulation.simulation import Simulation
 
@@ -84,7 +84,7 @@ def two_triangles(*overrides):
     coupling = Simulation(scene, MPI.COMM_SELF).coupling
     domain = coupling.solid.domain
     setup = PorousBuilder(scene, domain.mesh, Stopwatch(), domain).fluid()
-    return setup, coupling.solid.accepted_skeleton()
+    return setup, coupling.solid.accepted_mesh_state()
 
 
 FREE = Rates(0.0, 10.0, 100.0)
@@ -101,11 +101,11 @@ def test_tau_of_an_element_in_a_flow_through_a_porous_body():
         "material.0.fluid.viscosity=5.0",
         "stabilization.lsic=true",
     )
-    setup, skeleton = two_triangles(*overrides)
+    setup, mesh_state = two_triangles(*overrides)
     parameters = StabilizationParameters(setup)
     v = np.zeros((setup.domain.mesh.n_local, 2))
     v[:, 0] = 3.0
-    parameters.update(0.01, FREE, skeleton, v)
+    parameters.update(0.01, FREE, mesh_state, v)
     scales = np.array([2 * 330 / 0.01, 0.33**2 * 1e6, 4 * 0.33 * 5 / 2, 2 * 330 * 3 / WIDTH])
     assert parameters.tau == pytest.approx(
         np.full(parameters.tau.shape, 1 / np.linalg.norm(scales)), rel=ROUND_OFF
@@ -117,9 +117,9 @@ def test_tau_of_an_element_in_a_flow_through_a_porous_body():
 
 def test_tau_without_inertia_and_convection_is_that_of_the_drag():
     overrides = ("model.solid_inertia=false", "model.fluid_inertia=false", "limits.inertia=report")
-    setup, skeleton = two_triangles(*overrides)
+    setup, mesh_state = two_triangles(*overrides)
     parameters = StabilizationParameters(setup)
-    parameters.update(0.01, FREE, skeleton, np.zeros((setup.domain.mesh.n_local, 2)))
+    parameters.update(0.01, FREE, mesh_state, np.zeros((setup.domain.mesh.n_local, 2)))
     assert parameters.tau == pytest.approx(
         np.full(parameters.tau.shape, 1 / (0.33**2 * 1e6)), rel=ROUND_OFF
     )
@@ -136,9 +136,9 @@ def test_undrained_parameter_of_an_element(rates, moved):
     E_c = 8.375e6 + 2·5.583e6 Pa, ρ = 0.67·2000 + 0.33·1000 kg/m³; the size is that of a triangle
     with legs 2 m and 1 m.
     """
-    setup, skeleton = two_triangles()
+    setup, mesh_state = two_triangles()
     parameters = StabilizationParameters(setup)
-    parameters.update(0.01, rates, skeleton, np.zeros((setup.domain.mesh.n_local, 2)))
+    parameters.update(0.01, rates, mesh_state, np.zeros((setup.domain.mesh.n_local, 2)))
     h2, e = np.linalg.eigh(np.array([[8.0, -2.0], [-2.0, 2.0]]) / np.sqrt(3))
     modulus = 8.375e6 + 2 * 5.583e6
     inertia = rates.c_a * 1670
@@ -157,15 +157,15 @@ def test_parameters_are_kept_while_the_rates_are():
     """`StabilizationParameters` keeps its arrays where nothing in them changes, and renews them
     with the step size.
     """
-    setup, skeleton = two_triangles(
+    setup, mesh_state = two_triangles(
         "model.solid_inertia=false", "model.fluid_inertia=false", "limits.inertia=report"
     )
     parameters = StabilizationParameters(setup)
     v = np.zeros((setup.domain.mesh.n_local, 2))
-    parameters.update(0.01, FREE, skeleton, v)
+    parameters.update(0.01, FREE, mesh_state, v)
     kept = parameters.tau.copy()
     parameters.tau[:] = 0.0
-    parameters.update(0.01, FREE, skeleton, v)
+    parameters.update(0.01, FREE, mesh_state, v)
     assert not parameters.tau.any()
-    parameters.update(0.02, Rates(0.0, 5.0, 25.0), skeleton, v)
+    parameters.update(0.02, Rates(0.0, 5.0, 25.0), mesh_state, v)
     assert (parameters.tau == kept).all()

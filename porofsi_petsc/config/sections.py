@@ -236,7 +236,7 @@ class MeshMotion(Table):
 
 
 class Petsc(Table):
-    """PETSc's options as on a command line, prefixes fluid_, solid_, mesh_ and mixture_."""
+    """PETSc's options as on a command line, prefixes fluid_, solid_, mesh_ and monolithic_."""
 
     options: Text = ""
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..accelerators import Plain
 from ..phases.condensed import CondensedSolid
+from ..phases.coupling_data import Rates
 from ..phases.residual import Residual
-from ..phases.transfer import Rates
 from .interface import InterfaceMedium, InterfaceSweep
 from .protocols import InterfaceFluid
 

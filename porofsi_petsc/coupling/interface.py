@@ -13,8 +13,8 @@ from ..errors import ConvergenceError
 from ..fem.boundary import InterfacePressure
 from ..fem.transfer import InterfaceTransfer
 from ..phases.block import LinearBlock
+from ..phases.coupling_data import Flow, MeshState, Rates
 from ..phases.residual import Residual
-from ..phases.transfer import Flow, MeshState, Rates
 from .medium import Medium
 from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium
@@ -71,17 +71,17 @@ class InterfaceMedium(Medium):
         """Return the linear blocks by name."""
         return super().blocks | {"mesh": self.motion.block}
 
-    def carrier(self) -> MeshState:
+    def mesh_state(self) -> MeshState:
         """Return the trial state of the mesh."""
-        return self.motion.skeleton()
+        return self.motion.mesh_state()
 
-    def accepted_carrier(self) -> MeshState:
+    def accepted_mesh_state(self) -> MeshState:
         """Return the accepted state of the mesh."""
-        return self.motion.accepted_skeleton()
+        return self.motion.accepted_mesh_state()
 
-    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
+    def mesh_state_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return the mesh at a displacement and a velocity, both (n_local, d)."""
-        return self.motion.skeleton_at(u, v)
+        return self.motion.mesh_state_at(u, v)
 
     def flow(self, fluid_residuals: tuple[Residual, Residual]) -> Flow:
         """Return the fluid's force on the interface, (n_owned, d) [N]."""
@@ -92,7 +92,7 @@ class InterfaceMedium(Medium):
     def _with_force(self, force: np.ndarray) -> Flow:
         flow = self.fluid.flow()
         if self._pressure is not None:
-            moved = self._transfer.to_fluid(self.solid.skeleton().displacement)
+            moved = self._transfer.to_fluid(self.solid.mesh_state().displacement)
             force = force + self._pressure.turned(flow.pressure, moved)
         return replace(flow, force=self._transfer.to_solid(force))
 
@@ -176,7 +176,7 @@ class InterfaceSweep(PartitionedMedium):
         if not self.solid.is_stiff_in_volume:
             return super()._renew_tangents(iteration, rates)
         self.solid.renew_tangent(rates)
-        self.fluid.renew_tangent(rates, self.carrier())
+        self.fluid.renew_tangent(rates, self.mesh_state())
         return not self._travel
 
 
@@ -217,9 +217,9 @@ class _Sweep(InterfaceSweep):
         before = self.solid.unknowns[self._rows]
         own = solid_residual.unconstrained - solid_residual.terms["interface"]
         self.fluid.correct(fluid_residuals, fluid_residuals[0].unconstrained + own)
-        extra = self._conditions.pull(self.fluid, self.solid)
+        extra = self._conditions.robin_force(self.fluid, self.solid)
         solid_residual = self.solid.residual(
-            self._with_force(self.fluid.interface_force(self.carrier()))
+            self._with_force(self.fluid.interface_force(self.mesh_state()))
         )
         self.solid.correct(solid_residual.total + extra)
         if self._sees == "trial" and self._both:

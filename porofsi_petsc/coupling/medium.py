@@ -15,8 +15,8 @@ from ..clock import Scheme
 from ..errors import ConvergenceError
 from ..linalg.solver import LinearSolver
 from ..phases.block import LinearBlock
+from ..phases.coupling_data import Flow, MeshState, Rates
 from ..phases.residual import Residual, euclidean_norms
-from ..phases.transfer import Flow, MeshState, Rates
 from .convergence import Convergence
 from .protocols import Arrays, Fluid, Memory, Solid
 
@@ -84,10 +84,10 @@ class Medium:
         """Solve one step from time t (nothing is accepted); raise ConvergenceError at the cap.
 
         The iterations of a step that fails are added to `failed`.
-        schemes : (solid, fluid) time schemes; rates : `phases.transfer.Rates`.
+        schemes : (solid, fluid) time schemes; rates : `phases.coupling_data.Rates`.
         """
         solid_scheme, fluid_scheme = schemes
-        accepted = self.accepted_carrier()
+        accepted = self.accepted_mesh_state()
         self.solid.begin_step(solid_scheme, t)
         self.fluid.begin_step(fluid_scheme, rates, t, accepted)
         self.convergence.start_step()
@@ -102,8 +102,8 @@ class Medium:
     def _converge(self, rates: Rates, t: float, step: int) -> None:
         self._swept = 0
         for iteration in range(self._cap + 1):
-            self.fluid.follow(self.carrier())
-            fluid_residuals = self.fluid.residual(self.carrier())
+            self.fluid.follow(self.mesh_state())
+            fluid_residuals = self.fluid.residual(self.mesh_state())
             solid_residual = self.solid.residual(self.flow(fluid_residuals))
             if self.convergence.reached(*self._sizes(fluid_residuals, solid_residual, rates)):
                 self.solid.require_orientation()
@@ -137,10 +137,10 @@ class Medium:
         """Return what `Convergence.reached` takes, its norms by one reduction (collective)."""
         residuals = dict(zip(FIELDS, (*fluid_residuals, solid_residual), strict=True))
         groups = {field: residual.vectors() for field, residual in residuals.items()}
-        cancelling = self.fluid.cancelling(self.carrier(), rates) | self.solid.cancelling()
+        cancelling = self.fluid.cancelling(self.mesh_state(), rates) | self.solid.cancelling()
         vectors = [
             *itertools.chain(*groups.values()),
-            self.fluid.drag_scale(self.carrier(), rates),
+            self.fluid.drag_scale(self.mesh_state(), rates),
             *cancelling.values(),
         ]
         found = iter(euclidean_norms(self._comm, vectors).tolist())
@@ -150,17 +150,17 @@ class Medium:
         }
         return norms, next(found), dict(zip(cancelling, found, strict=True))
 
-    def carrier(self) -> MeshState:
+    def mesh_state(self) -> MeshState:
         """Return what carries the fluid in the trial state."""
-        return self.solid.skeleton()
+        return self.solid.mesh_state()
 
-    def accepted_carrier(self) -> MeshState:
+    def accepted_mesh_state(self) -> MeshState:
         """Return what carries the fluid in the accepted state."""
-        return self.solid.accepted_skeleton()
+        return self.solid.accepted_mesh_state()
 
-    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
+    def mesh_state_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return what carries the fluid at a displacement and a velocity, both (n_local, d)."""
-        return self.solid.skeleton_at(u, v)
+        return self.solid.mesh_state_at(u, v)
 
     def flow(self, fluid_residuals: tuple[Residual, Residual]) -> Flow:
         """Return what the solid feels of the fluid in the trial state, which has these
@@ -229,7 +229,7 @@ class Medium:
     def energies(self) -> tuple[float, float]:
         """Return kinetic and elastic energy of the accepted state [J] (collective)."""
         kinetic, elastic = self.solid.energies()
-        return kinetic + self.fluid.kinetic_energy(self.accepted_carrier()), elastic
+        return kinetic + self.fluid.kinetic_energy(self.accepted_mesh_state()), elastic
 
     def state(self) -> Arrays:
         """Return the arrays a restart needs, name -> (n_owned, ...)."""
@@ -259,7 +259,9 @@ class Medium:
             name, _, field = key.partition(".")
             parts[name][field] = array
         self.solid.load_state(parts["solid"], memory["solid"], rates)
-        self.fluid.load_state(parts["fluid"], memory["fluid"], schemes[1], rates, self.skeleton_at)
+        self.fluid.load_state(
+            parts["fluid"], memory["fluid"], schemes[1], rates, self.mesh_state_at
+        )
         self.iterations = memory["iterations"]
         self.convergence.largest = memory["largest"]
         # going back after a failure forgets none

@@ -6,10 +6,10 @@ from mpi4py import MPI
 
 from ..linalg.solver import LinearSolver
 from ..phases.block import LinearBlock
+from ..phases.coupling_data import MeshState, Rates
 from ..phases.residual import Residual
-from ..phases.transfer import MeshState, Rates
 from .medium import Medium
-from .protocols import Fluid, Mixture, Solid
+from .protocols import Fluid, MonolithicSystem, Solid
 
 
 class MonolithicCoupling(Medium):
@@ -24,28 +24,28 @@ class MonolithicCoupling(Medium):
         comm: MPI.Comm,
         tolerance: float,
         max_iterations: int,
-        mixture: Mixture,
+        system: MonolithicSystem,
     ) -> None:
-        """Take the medium and a mixture of `phases.mixture`, which solves for both increments."""
+        """Take the medium and a system of `phases.monolithic`, which solves for both increments."""
         super().__init__(solid, fluid, comm, tolerance, max_iterations)
-        self.mixture = mixture
+        self.system = system
 
     @property
     def blocks(self) -> dict[str, LinearBlock]:
         """Return the linear blocks by name."""
-        return super().blocks | {"mixture": self.mixture.block}
+        return super().blocks | {"monolithic": self.system.block}
 
     @property
     def solvers(self) -> list[LinearSolver]:
-        """Return the mixture's solver, whose time contains those of the phases."""
-        solver = self.mixture.block.solver
+        """Return the system's solver, whose time contains those of the phases."""
+        solver = self.system.block.solver
         return [solver] if solver else []
 
     def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         """Start every step of a nonlinear problem with a new preconditioner, since a restart has no
         other.
         """
-        solver = self.mixture.block.solver
+        solver = self.system.block.solver
         if solver and not (self.solid.is_linear and self.fluid.is_linear):
             solver.refactor()
 
@@ -56,5 +56,5 @@ class MonolithicCoupling(Medium):
         fluid_residuals: tuple[Residual, Residual],
         rates: Rates,
     ) -> None:
-        self.mixture.correct(solid_residual, fluid_residuals, rates)
-        self.convergence.force_per_rate = self.mixture.force_per_rate
+        self.system.correct(solid_residual, fluid_residuals, rates)
+        self.convergence.force_per_rate = self.system.force_per_rate

@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from ..accelerators import Anderson, Plain, QuasiNewton
 from ..clock import Scheme
+from ..phases.coupling_data import MeshState, Rates
 from ..phases.tangent import Travel
-from ..phases.transfer import MeshState, Rates
 from .medium import Medium
 from .protocols import Arrays, Fluid, Memory, Solid
 
@@ -99,10 +99,10 @@ class PartitionedMedium(Medium):
             stale = self._travel.are_stale(rates, self.convergence.contraction)
         else:
             stale = not self._linear and (
-                self.fluid.volume_has_changed(self.carrier()) or self._slow(iteration)
+                self.fluid.volume_has_changed(self.mesh_state()) or self._slow(iteration)
             )
         if stale:
-            self.fluid.renew_tangent(rates, self.carrier())
+            self.fluid.renew_tangent(rates, self.mesh_state())
             self.solid.renew_tangent(rates)
             self._renewed_at = iteration
         return stale and not self._travel

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ..phases.coupling_data import MeshState, Rates
 from ..phases.residual import Residual
-from ..phases.transfer import MeshState, Rates
 from .partitioned import PartitionedMedium
 from .protocols import PoreFluid
 
@@ -48,10 +48,10 @@ class PorousCoupling(PartitionedMedium):
         before = self._unknowns
         velocity = solid.velocity
         solid.correct(solid_residual.total + fluid.unbalanced(fluid_residuals[0]))
-        skeleton = solid.skeleton()
-        fluid.drag_along(skeleton.velocity - velocity)
-        fluid.follow(skeleton)
-        fluid.correct(fluid.residual(skeleton))
+        mesh_state = solid.mesh_state()
+        fluid.drag_along(mesh_state.velocity - velocity)
+        fluid.follow(mesh_state)
+        fluid.correct(fluid.residual(mesh_state))
         if iteration == 0:
             return
         after = self._unknowns

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ..fem.boundary import InterfaceMass
-from ..phases.transfer import Rates
+from ..phases.coupling_data import Rates
 from .protocols import InterfaceFluid, InterfaceSolid
 
 # α_f over the impedance S_s of a layer that moves as a whole, the smallest of all waves.  The error
@@ -28,7 +28,8 @@ def solid_impedance(modulus: float, rho: float, thickness: float, rates: Rates) 
     c_a/E))/c_v [Pa s/m].
 
     A wave that does not reach the back within the step sees √(E ρ); a thin layer is its mass, ρ H
-    c_a/c_v. modulus E = λ + 2μ [Pa], rho [kg/m³], thickness H [m]; rates : `phases.transfer.Rates`
+    c_a/c_v. modulus E = λ + 2μ [Pa], rho [kg/m³], thickness H [m]; rates :
+    `phases.coupling_data.Rates`
     """
     return (
         sqrt(modulus * rho * rates.c_a)
@@ -110,7 +111,7 @@ class Conditions:
             alpha = fluid_impedance(this.rho_f, sqrt(this.extent * this.facet) / pi, rates)
             solid.robin_coefficient = min(alpha, TANGENTIAL * fluid.robin_coefficient)
 
-    def pull(self, fluid: InterfaceFluid, solid: InterfaceSolid) -> np.ndarray:
+    def robin_force(self, fluid: InterfaceFluid, solid: InterfaceSolid) -> np.ndarray:
         """Return α_s M (v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told the
         velocity takes it.
         """

@@ -126,7 +126,7 @@ def _geometry_loop(A, d):
 
     def loop(dN, coordinates, G, determinant):
         jacobian = stack((d, d))
-        pull = stack((d, d))
+        inverse = stack((d, d))
         for e in range(len(G)):
             for q in range(len(dN)):
                 for i in range(d):
@@ -135,12 +135,12 @@ def _geometry_loop(A, d):
                         for a in range(A):
                             total += coordinates[e, a, i] * dN[q, a, m]
                         jacobian[i, m] = total
-                determinant[e, q] = invert(d, jacobian, pull)
+                determinant[e, q] = invert(d, jacobian, inverse)
                 for a in range(A):
                     for i in range(d):
                         total = 0.0
                         for m in range(d):
-                            total += dN[q, a, m] * pull[m, i]
+                            total += dN[q, a, m] * inverse[m, i]
                         G[e, q, a, i] = total
 
     return loop
@@ -263,21 +263,21 @@ class SecondDerivatives:
         if self.hoop is not None:
             second = self.field(U, gradient)
             return np.einsum("eqijj->eqi", second) + np.einsum("eqjji->eqi", second)
-        pull = self._pull
+        inverse = self._inverse_jacobian
         d = self.rule.element.dim
         second = _by_reference(self.rule, U) - self._bent(gradient)
-        metric = (pull @ np.swapaxes(pull, 2, 3)).reshape(*pull.shape[:2], d * d, 1)
-        mixed = np.einsum("eqlmn,eqnl->eqm", second.reshape(*pull.shape[:2], d, d, d), pull)
-        return (second @ metric + np.swapaxes(pull, 2, 3) @ mixed[..., None])[..., 0]
+        metric = (inverse @ np.swapaxes(inverse, 2, 3)).reshape(*inverse.shape[:2], d * d, 1)
+        mixed = np.einsum("eqlmn,eqnl->eqm", second.reshape(*inverse.shape[:2], d, d, d), inverse)
+        return (second @ metric + np.swapaxes(inverse, 2, 3) @ mixed[..., None])[..., 0]
 
     def _to_space(self, second, gradient):
         """Return second derivatives by x, (E, Q, k, d, d), from those by xi, (..., k, d²), and
         first ones by x, (E, Q, k, d).
         """
         d = self.rule.element.dim
-        pairs = np.einsum("eqmi,eqnj->eqmnij", self._pull, self._pull).reshape(
-            *self.G.shape[:2], d * d, d * d
-        )
+        pairs = np.einsum(
+            "eqmi,eqnj->eqmnij", self._inverse_jacobian, self._inverse_jacobian
+        ).reshape(*self.G.shape[:2], d * d, d * d)
         return ((second - self._bent(gradient)) @ pairs).reshape(*gradient.shape, d)
 
     def _bent(self, gradient):
@@ -290,7 +290,7 @@ class SecondDerivatives:
         return (gradient.reshape(E, Q * k, d) @ self.bend[:, 0]).reshape(E, Q, k, d * d)
 
     @cached_property
-    def _pull(self):
+    def _inverse_jacobian(self):
         """Return dxi/dx, (E, Q, d, d) [1/m]: the map represents xi by its values at the nodes."""
         return self.rule.element.node_coordinates.T @ self.G
 
@@ -306,13 +306,15 @@ class SecondDerivatives:
     def _section_slope(self) -> np.ndarray:
         E, Q, _, d = self.G.shape
         bend = np.swapaxes(self.bend.reshape(E, -1, d, d, d), 2, 3).reshape(E, -1, d * d, d)
-        pull = self._pull.reshape(E, Q, d * d)
-        return pull @ bend[:, 0] if bend.shape[1] == 1 else (pull[:, :, None] @ bend)[:, :, 0]
+        inverse = self._inverse_jacobian.reshape(E, Q, d * d)
+        return inverse @ bend[:, 0] if bend.shape[1] == 1 else (inverse[:, :, None] @ bend)[:, :, 0]
 
     @property
     def volume_gradient(self) -> np.ndarray:
         """Return ∇ ln J, (E, Q, d) [1/m], J the volume ratio to the reference configuration."""
-        return np.einsum("eqmi,eqm->eqi", self._pull, self.volume_slope - self.reference_slope)
+        return np.einsum(
+            "eqmi,eqm->eqi", self._inverse_jacobian, self.volume_slope - self.reference_slope
+        )
 
 
 def _by_reference(rule, U):

@@ -83,7 +83,7 @@ class Point(NamedTuple):
     c: np.ndarray
     w: np.ndarray
     residual: np.ndarray
-    pull: np.ndarray
+    inverse: np.ndarray
     bent: np.ndarray
     second: np.ndarray
     hessian_v: np.ndarray
@@ -153,7 +153,7 @@ def set_point(
     if el.drag:
         _add_drag(A, d, el, f, e, q, x)
     if el.curved:
-        _set_pull(A, d, el, x)
+        _set_inverse_jacobian(A, d, el, x)
         _subtract_viscous_force(A, d, even, ring, el, f, e, q, x)
 
 
@@ -200,14 +200,14 @@ def _add_drag(A, d, el, f, e, q, x):
 
 
 @inlined
-def _set_pull(A, d, el, x):
+def _set_inverse_jacobian(A, d, el, x):
     """Set dxi_m/dx_i, (d, d) [1/m]: the map represents xi by its values at the nodes."""
     for m in range(d):
         for i in range(d):
-            pull = 0.0
+            inverse = 0.0
             for a in range(A):
-                pull += el.nodes[a, m] * x.g[a, i]
-            x.pull[m, i] = pull
+                inverse += el.nodes[a, m] * x.g[a, i]
+            x.inverse[m, i] = inverse
 
 
 @inlined
@@ -226,7 +226,7 @@ def _set_second_derivatives(d, U, row, gradient, k, el, point, x):
             total = 0.0
             for m in range(d):
                 for n in range(d):
-                    total += x.bent[m, n] * x.pull[m, i] * x.pull[n, j]
+                    total += x.bent[m, n] * x.inverse[m, i] * x.inverse[n, j]
             x.second[i, j] = x.second[j, i] = total
 
 

@@ -126,7 +126,7 @@ def solid_defaults(
     } | _INTERPOLATION
 
 
-def mixture_defaults(direct: bool) -> dict[str, object]:
+def monolithic_defaults(direct: bool) -> dict[str, object]:
     """Return the option defaults of the matrix of both phases: a factorization, or FGMRES around
     one sweep over the phases.
 

@@ -43,6 +43,8 @@ COMMON = (
     " pc_hypre_type sub_pc_type sub_ksp_type sub_pc_python_type"
 ).split()
 
+RENAMED = {"mixture_": "monolithic_"}  # old prefix -> the one that it has now
+
 _user: set[str] = set()
 _defaults: dict[str, str] = {}  # full name -> prefix
 
@@ -54,11 +56,13 @@ def start(scene_options: str = "", command_line: Sequence[str] = (), trusted: bo
     scene_options : the scene's option string, split like a shell's; unless it is trusted, options
     of solvers alone (`check_scene_options`); command_line : the options of the command line, which
     win and may contain `-options_file FILE`. Raise InputError for words that are no options, a
-    missing options file, a PETSc that is absent, older than 3.18 or built with complex numbers.
+    missing options file, a prefix of before, a PETSc that is absent, older than 3.18 or built with
+    complex numbers.
     """
     of_scene = _split(scene_options)
     words = [*of_scene, *command_line]
     _check_words(words)
+    _refuse_renamed(word.lstrip("-") for word in words if is_name(word))
     if not trusted:
         check_scene_options(of_scene)
     _check_files(words)
@@ -71,6 +75,7 @@ def start(scene_options: str = "", command_line: Sequence[str] = (), trusted: bo
         _initialise(words)
         _check_build()
     _user.update(_names(words))
+    _refuse_renamed(_petsc().Options().getAll())
     _set_initial()
 
 
@@ -174,6 +179,17 @@ def _check_words(words):
                 f"PETSc options: {word!r} is neither an option nor the value of one; write -NAME"
                 " VALUE"
             )
+
+
+def _refuse_renamed(names):
+    """Raise InputError at an option with a prefix of before: nobody would use it."""
+    for name in names:
+        for old, new in RENAMED.items():
+            if name.startswith(old):
+                raise InputError(
+                    f"PETSc options: received -{name}, whose prefix is {new} now; write"
+                    f" -{new}{name.removeprefix(old)}"
+                )
 
 
 def _check_files(words):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ..errors import InputError
 
 ALLOW = "--allow-scene-options"
-PREFIXES = ("fluid_", "solid_", "mesh_", "mixture_")
+PREFIXES = ("fluid_", "solid_", "mesh_", "monolithic_")
 WITHOUT_PREFIX = ("log_view", "options_left")  # without a value: they print at the end
 # Parts of names that take a path, load or run something, or open a port.
 REFUSED = re.compile(

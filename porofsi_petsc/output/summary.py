@@ -77,20 +77,20 @@ SUMMARY_KEYS = {
     "linear_iterations.mesh.max": (
         "largest number of iterations of a linear solve of the mesh motion"
     ),
-    "linear_iterations.mixture.mean": (
+    "linear_iterations.monolithic.mean": (
         "mean number of iterations of a linear solve of the monolithic scheme, 0 without it"
     ),
-    "linear_iterations.mixture.max": (
+    "linear_iterations.monolithic.max": (
         "largest number of iterations of a linear solve of the monolithic scheme"
     ),
     "assemblies.fluid": "number of matrices assembled for the fluid",
     "assemblies.solid": "number of matrices assembled for the solid",
     "assemblies.mesh": "number of matrices assembled for the mesh motion",
-    "assemblies.mixture": "number of matrices assembled for the monolithic scheme",
+    "assemblies.monolithic": "number of matrices assembled for the monolithic scheme",
     "factorizations.fluid": "number of factorizations or preconditioner set-ups of the fluid",
     "factorizations.solid": "number of factorizations or preconditioner set-ups of the solid",
     "factorizations.mesh": "number of factorizations of the mesh motion",
-    "factorizations.mixture": "number of factorizations of the monolithic scheme",
+    "factorizations.monolithic": "number of factorizations of the monolithic scheme",
     "mesh_motion.smallest_volume_ratio": (
         "least ratio of the volume of a free fluid's moving mesh to that of the reference"
         " configuration, over all quadrature points and the ends of all steps [-]"

@@ -9,10 +9,10 @@ import numpy as np
 
 from ..clock import at_end
 from ..kernels import exchange
+from .coupling_data import Flow, Rates
 from .residual import Residual
 from .setup import ElasticSolidSetup
 from .solid import SolidPhase
-from .transfer import Flow, Rates
 
 
 class ElasticSolid(SolidPhase):
@@ -73,7 +73,7 @@ class ElasticSolid(SolidPhase):
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of an immersed
         solid.
         """
-        configuration = self.skeleton().configuration
+        configuration = self.mesh_state().configuration
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             S = self.setup.materials[region].drag(configuration.J[chunk])
             yield (

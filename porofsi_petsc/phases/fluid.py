@@ -16,6 +16,7 @@ from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .coupling_data import Flow, MeshState, Rates
 from .flow_fields import NodalFlow
 from .loads import body_acceleration
 from .parameters import StabilizationParameters
@@ -23,7 +24,6 @@ from .residual import Residual
 from .setup import FluidSetup
 from .surface_terms import SurfaceTerms
 from .tangent import TangentRule
-from .transfer import Flow, MeshState, Rates
 
 # change of the volume ratio after which a lagged tangent is renewed within a step
 VOLUME_CHANGE = 0.02
@@ -32,7 +32,7 @@ BY_VELOCITY = Slope(0.0, 1.0)
 
 class FluidPhase:
     """Solve momentum and volume balance for the phase velocity v_f and the pressure p on the mesh
-    that the skeleton carries; `PoreFluid` and `FreeFluid` have their own terms.
+    that moves with a solid; `PoreFluid` and `FreeFluid` have their own terms.
 
     Arrays with ghosts: `v`, `a` (n_local, d), `p` (n_local,) at the end of the accepted step;
     `_v1`, `_a1` of the trial step. The pressure has no rate: its unknown `_p1` is the value on the
@@ -92,26 +92,26 @@ class FluidPhase:
 
     # -- one step ----------------------------------------------------------------------------------
 
-    def begin_step(self, scheme: Scheme, rates: Rates, t: float, skeleton: MeshState) -> None:
-        """Start a step from the accepted level at time t and the accepted skeleton: predictor,
+    def begin_step(self, scheme: Scheme, rates: Rates, t: float, mesh_state: MeshState) -> None:
+        """Start a step from the accepted level at time t and the accepted mesh: predictor,
         essential values, parameters.
         """
         self.scheme = scheme
         self._t_alpha = t + scheme.alpha_f * scheme.dt
         self._t_end = t + scheme.dt
-        self._begin(t, skeleton)
+        self._begin(t, mesh_state)
         self._v1 = scheme.predict(self.v, self.a, self.a) if self.setup.inertia else self.v.copy()
         self._p1 = self.p.copy()
         self.setup.velocity.apply(self._v1, t + scheme.dt)
         self._prescribe_pressure(self._p1, self._t_alpha)
         self._update_rates()
-        self.surfaces.begin_step(scheme, self._accepted_state(skeleton, t))
+        self.surfaces.begin_step(scheme, self._accepted_state(mesh_state, t))
         b = self.setup.body_force
         self._b = body_acceleration(self.domain, b, self._t_alpha) if b else self._no_body
         self._rates = rates
-        self._parameters.update(self.scheme.dt, rates, skeleton, self.v)
+        self._parameters.update(self.scheme.dt, rates, mesh_state, self.v)
 
-    def _begin(self, t: float, skeleton: MeshState) -> None:
+    def _begin(self, t: float, mesh_state: MeshState) -> None:
         """Start what the model has of its own."""
 
     def _prescribe_pressure(self, p: np.ndarray, t: float) -> None:
@@ -123,9 +123,9 @@ class FluidPhase:
         """
         return p
 
-    def _accepted_state(self, skeleton, t):
+    def _accepted_state(self, mesh_state, t):
         """Return what conditions on surfaces see of the accepted state."""
-        return State(t, skeleton.displacement, self.v, self.v - skeleton.mesh_velocity, self.p)
+        return State(t, mesh_state.displacement, self.v, self.v - mesh_state.mesh_velocity, self.p)
 
     def _update_rates(self):
         if self.setup.inertia:
@@ -157,51 +157,51 @@ class FluidPhase:
         self._p1 = np.ascontiguousarray(both[:, d])
         self._update_rates()
 
-    def follow(self, skeleton: MeshState) -> None:
-        """Give the nodes of no-slip walls the skeleton's velocity."""
+    def follow(self, mesh_state: MeshState) -> None:
+        """Give the nodes of no-slip walls the velocity of the solid."""
         wall = self.setup.no_slip
         if self.setup.has_no_slip:
-            self._v1[wall] = skeleton.end_velocity[wall]
+            self._v1[wall] = mesh_state.end_velocity[wall]
             self._update_rates()
 
-    def drag_scale(self, skeleton: MeshState, rates: Rates) -> np.ndarray | float:
+    def drag_scale(self, mesh_state: MeshState, rates: Rates) -> np.ndarray | float:
         """Return nodal forces, (n_owned, d) [N], whose round-off the drag has; 0 without any."""
         return 0.0
 
-    def cancelling(self, skeleton: MeshState, rates: Rates) -> dict[str, np.ndarray]:
+    def cancelling(self, mesh_state: MeshState, rates: Rates) -> dict[str, np.ndarray]:
         """Return field -> what cancels inside its terms, (n_owned,), whose round-off remains."""
         return {}
 
     @timed("residual")
-    def residual(self, skeleton: MeshState) -> tuple[Residual, Residual]:
+    def residual(self, mesh_state: MeshState) -> tuple[Residual, Residual]:
         """Return the `Residual`s of momentum [N] and of the volume balance [m³/s] of the trial
-        state on the skeleton.
+        state on a mesh.
         """
         domain = self.domain
-        fields = self._residual_fields(skeleton)
+        fields = self._residual_fields(mesh_state)
         nodal = np.zeros((domain.n_owned, kernel.term_columns(domain.dim)))
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
+            elements = self._elements(region, chunk, mesh_state.configuration)
             terms = self._element_terms(chunk)
             kernel.flow_residual(elements, fields.on(chunk), terms)
             domain.add(nodal, chunk, terms)
         momentum, volume = kernel.split_terms(np.asfortranarray(nodal), domain.dim)
         momentum_terms = dict(zip(kernel.MOMENTUM_TERMS, momentum, strict=True))
         volume_terms = dict(zip(kernel.VOLUME_TERMS, volume[..., None], strict=True))
-        self._surface_state = self._state_of(skeleton, fields)
+        self._surface_state = self._state_of(mesh_state, fields)
         momentum_terms["traction"] = self.surfaces.residual(self._surface_state)
         self._add_volume_terms(volume_terms)
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self.setup.velocity_free)
         return self._momentum, Residual(comm, volume_terms, self.setup.pressure_free)
 
-    def _residual_fields(self, skeleton):
-        return self._trial_fields(skeleton)
+    def _residual_fields(self, mesh_state):
+        return self._trial_fields(mesh_state)
 
-    def _state_of(self, skeleton, fields):
+    def _state_of(self, mesh_state, fields):
         """Return what conditions on surfaces see at the time of collocation."""
         v, c, p = (getattr(fields.nodal, name) for name in ("v", "c", "p"))
-        return State(self._t_alpha, skeleton.displacement, v, c, p)
+        return State(self._t_alpha, mesh_state.displacement, v, c, p)
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
         """Add what the volume balance has beside the terms of the elements (collective)."""
@@ -227,15 +227,15 @@ class FluidPhase:
             return np.zeros_like(self.v)
         return self.a + self.scheme.alpha_m * (self._a1 - self.a)
 
-    def _trial_fields(self, skeleton):
+    def _trial_fields(self, mesh_state):
         return self._fields(
-            skeleton, self._level(self.v, self._v1), self._acceleration(), self._p1, self._b
+            mesh_state, self._level(self.v, self._v1), self._acceleration(), self._p1, self._b
         )
 
-    def _fields(self, skeleton, v, a, p, b):
-        c = v - skeleton.mesh_velocity
+    def _fields(self, mesh_state, v, a, p, b):
+        c = v - mesh_state.mesh_velocity
         dp = p - self._p0
-        return NodalFlow(self.domain, kernel.FlowFields(v, a, c, skeleton.velocity, p, dp, b))
+        return NodalFlow(self.domain, kernel.FlowFields(v, a, c, mesh_state.velocity, p, dp, b))
 
     @property
     def _no_body(self):
@@ -276,35 +276,35 @@ class FluidPhase:
 
     # -- tangent -----------------------------------------------------------------------------------
 
-    def prepare_tangent(self, rates: Rates, iterations: int, skeleton: MeshState) -> None:
+    def prepare_tangent(self, rates: Rates, iterations: int, mesh_state: MeshState) -> None:
         """Renew the lagged tangent where its rule asks for it; called after `begin_step`, with the
-        accepted skeleton.
+        accepted mesh.
         """
         if self._rule.due(rates, iterations):
             point = {
                 "v": self.v,
                 "a": self.a,
                 "p": self.p,
-                "skeleton_u": skeleton.displacement,
-                "skeleton_v": skeleton.velocity,
+                "skeleton_u": mesh_state.displacement,
+                "skeleton_v": mesh_state.velocity,
             }
             self._rule.store(rates, point)
             self._assemble(
-                skeleton, rates, self._fields(skeleton, self.v, self.a, self.p, self._no_body)
+                mesh_state, rates, self._fields(mesh_state, self.v, self.a, self.p, self._no_body)
             )
 
-    def renew_tangent(self, rates: Rates, skeleton: MeshState) -> None:
+    def renew_tangent(self, rates: Rates, mesh_state: MeshState) -> None:
         """Assemble the tangent at the trial state (full Newton)."""
         self._rule.forget()
-        self._assemble(skeleton, rates, self._trial_fields(skeleton))
+        self._assemble(mesh_state, rates, self._trial_fields(mesh_state))
 
-    def volume_has_changed(self, skeleton: MeshState) -> bool:
+    def volume_has_changed(self, mesh_state: MeshState) -> bool:
         """Return whether a volume ratio differs by more than VOLUME_CHANGE from the one in the
         tangent (collective).
         """
         if not self.domain.n_nodes:
             return False
-        change = np.abs(skeleton.configuration.J / self._tangent_J - 1).max(initial=0.0)
+        change = np.abs(mesh_state.configuration.J / self._tangent_J - 1).max(initial=0.0)
         return self.mesh.comm.allreduce(float(change), MPI.MAX) > VOLUME_CHANGE
 
     def expire_tangent(self) -> None:
@@ -340,59 +340,59 @@ class FluidPhase:
         self._p1 = self._levelled(self._p1)
 
     @timed("assembly")
-    def _assemble(self, skeleton, rates, fields):
+    def _assemble(self, mesh_state, rates, fields):
         if not self.domain.n_nodes:
             return
-        surfaces = self.surfaces.tangents(self._state_of(skeleton, fields), BY_VELOCITY)
+        surfaces = self.surfaces.tangents(self._state_of(mesh_state, fields), BY_VELOCITY)
         self.block.assemble(
-            self._block_tangents(skeleton, rates, fields, surfaces),
+            self._block_tangents(mesh_state, rates, fields, surfaces),
             padded(surfaces.coupled, slice(self.mesh.dim), self.components),
         )
-        self._tangent_J = skeleton.configuration.J
-        self._prepare_solver(skeleton, rates, fields)
+        self._tangent_J = mesh_state.configuration.J
+        self._prepare_solver(mesh_state, rates, fields)
         self.block.refactor()
 
-    def _block_tangents(self, skeleton, rates, fields, surfaces):
+    def _block_tangents(self, mesh_state, rates, fields, surfaces):
         """Yield (chunk, tangent (E, A, m, A, m)) of the block at given fields."""
-        tangents = self._balance_tangents(skeleton, rates, fields, surfaces, self.components)
+        tangents = self._balance_tangents(mesh_state, rates, fields, surfaces, self.components)
         for region, chunk, elements, K in tangents:
-            self._complete(K, elements, region, chunk, skeleton, rates)
+            self._complete(K, elements, region, chunk, mesh_state, rates)
             yield chunk, K
 
-    def _complete(self, K, elements, region, chunk, skeleton, rates):
+    def _complete(self, K, elements, region, chunk, mesh_state, rates):
         """Add to the tangents of the balances what the block of the model has beside them."""
 
-    def _prepare_solver(self, skeleton, rates, fields):
+    def _prepare_solver(self, mesh_state, rates, fields):
         """Make what else the tangent brings with it (collective)."""
 
-    def _balance_tangents(self, skeleton, rates, fields, surfaces, components):
+    def _balance_tangents(self, mesh_state, rates, fields, surfaces, components):
         """Yield (region, chunk, elements, tangent (E, A, m, A, m)) of the balances, surfaces
         included, for m unknowns per node.
         """
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
+            elements = self._elements(region, chunk, mesh_state.configuration)
             K = kernel.flow_tangent(elements, fields.on(chunk), rates.c_f, components)
             surfaces.add_to(K, chunk)
             yield region, chunk, elements, K
 
     def trial_tangents(
-        self, rates: Rates, skeleton: MeshState
+        self, rates: Rates, mesh_state: MeshState
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, tangent (E, A, d + 1, A, d + 1)) of the trial state on a fixed mesh, of the
         plain split, without what couples whole surfaces.
         """
-        fields = self._trial_fields(skeleton)
-        surfaces = self.surfaces.tangents(self._state_of(skeleton, fields), BY_VELOCITY)
+        fields = self._trial_fields(mesh_state)
+        surfaces = self.surfaces.tangents(self._state_of(mesh_state, fields), BY_VELOCITY)
         m = self.mesh.dim + 1
-        for _, chunk, _, K in self._balance_tangents(skeleton, rates, fields, surfaces, m):
+        for _, chunk, _, K in self._balance_tangents(mesh_state, rates, fields, surfaces, m):
             yield chunk, K
 
-    def coupled(self, skeleton: MeshState) -> tuple[Coupled, ...]:
+    def coupled(self, mesh_state: MeshState) -> tuple[Coupled, ...]:
         """Return what couples the velocities of whole surfaces in the tangent of the trial state
         (collective).
         """
-        fields = self._trial_fields(skeleton)
-        return self.surfaces.tangents(self._state_of(skeleton, fields), BY_VELOCITY).coupled
+        fields = self._trial_fields(mesh_state)
+        return self.surfaces.tangents(self._state_of(mesh_state, fields), BY_VELOCITY).coupled
 
     # -- end of a step -----------------------------------------------------------------------------
 
@@ -437,12 +437,12 @@ class FluidPhase:
         memory: dict[str, Any],
         scheme: Scheme,
         rates: Rates,
-        skeleton_at: Callable[[np.ndarray, np.ndarray], MeshState],
+        mesh_state_at: Callable[[np.ndarray, np.ndarray], MeshState],
     ) -> None:
         """Continue from `state` and `memory`; a tangent that fits the rates of the next step is
         made again where it was.
 
-        scheme : of the next step; skeleton_at(u, v) : the mesh at a displacement and a velocity
+        scheme : of the next step; mesh_state_at(u, v) : the mesh at a displacement and a velocity
         """
         self.v, self.a, self.p, self._p0 = (
             self.mesh.halo.extend(arrays[name]) for name in ("v", "a", "p", "p_collocated")
@@ -456,14 +456,14 @@ class FluidPhase:
             return
         self.scheme = scheme
         zero = np.zeros_like(self.v)
-        skeleton = skeleton_at(point.get("skeleton_u", zero), point.get("skeleton_v", zero))
+        mesh_state = mesh_state_at(point.get("skeleton_u", zero), point.get("skeleton_v", zero))
         v, a, p = (point.get(name, getattr(self, name)) for name in ("v", "a", "p"))
-        self._parameters.update(scheme.dt, rates, skeleton, v)
-        self._assemble(skeleton, rates, self._fields(skeleton, v, a, p, self._no_body))
+        self._parameters.update(scheme.dt, rates, mesh_state, v)
+        self._assemble(mesh_state, rates, self._fields(mesh_state, v, a, p, self._no_body))
 
     # -- measures ----------------------------------------------------------------------------------
 
-    def kinetic_energy(self, skeleton: MeshState) -> float:
+    def kinetic_energy(self, mesh_state: MeshState) -> float:
         """Return ∫ ρ_f |v_f|²/2 of the accepted state [J] (collective)."""
         if not self.setup.inertia:
             return 0.0
@@ -471,10 +471,10 @@ class FluidPhase:
         kinetic = np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = self.setup.materials[region]
-            J = skeleton.configuration.J[chunk]
+            J = mesh_state.configuration.J[chunk]
             rho = material.fluid_fraction(J) * material.rho_fR
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
-            kinetic[chunk] = 0.5 * (rho * speed2 * skeleton.configuration.geometry.dV[chunk]).sum(
+            kinetic[chunk] = 0.5 * (rho * speed2 * mesh_state.configuration.geometry.dV[chunk]).sum(
                 axis=1
             )
         return domain.sum_owned(kinetic)

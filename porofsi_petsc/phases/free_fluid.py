@@ -13,11 +13,11 @@ from ..linalg.dense_block import DenselyCoupled
 from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
+from .coupling_data import MeshState, Rates
 from .fluid import FluidPhase
 from .pressure_operators import PressureOperators
 from .residual import Residual
 from .setup import FreeFluidSetup
-from .transfer import MeshState, Rates
 
 
 class FreeFluid(FluidPhase):
@@ -55,19 +55,19 @@ class FreeFluid(FluidPhase):
         materials = self.setup.materials.values()
         return self.setup.pspg and any(material.is_free_fluid for material in materials)
 
-    def _begin(self, t: float, skeleton: MeshState) -> None:
+    def _begin(self, t: float, mesh_state: MeshState) -> None:
         for part in self.setup.closed:
             part.begin_step(t, self._t_end)
             if not self.setup.moving_mesh:
                 part.require_balanced_data(self._t_end)
 
-    def _residual_fields(self, skeleton):
+    def _residual_fields(self, mesh_state):
         """Return the trial fields; without inertia nothing remembers the step before, and the
         parameters are those of the trial state.
         """
-        fields = self._trial_fields(skeleton)
+        fields = self._trial_fields(mesh_state)
         if not self.setup.inertia:
-            self._parameters.update(self.scheme.dt, self._rates, skeleton, fields.nodal.v)
+            self._parameters.update(self.scheme.dt, self._rates, mesh_state, fields.nodal.v)
         return fields
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
@@ -101,15 +101,15 @@ class FreeFluid(FluidPhase):
         return -momentum.without("traction")
 
     @timed("residual")
-    def interface_force(self, skeleton: MeshState) -> np.ndarray:
+    def interface_force(self, mesh_state: MeshState) -> np.ndarray:
         """Return `boundary_force` of the trial state on the interface, (n_owned, d) [N], from the
         elements that touch it.
         """
         domain = self.domain
         force = np.zeros((domain.n_local, domain.dim))
         for region, rows in self._beside_interface.items():
-            elements = self._elements(region, rows, skeleton.configuration)
-            momentum, _ = kernel.flow_residual(elements, self._trial_fields(skeleton).on(rows))
+            elements = self._elements(region, rows, mesh_state.configuration)
+            momentum, _ = kernel.flow_residual(elements, self._trial_fields(mesh_state).on(rows))
             np.subtract.at(force, domain.cells[rows], momentum.sum(axis=0))
         return np.where(self.setup.no_slip[:, None], force, 0.0)[: domain.n_owned]
 
@@ -123,7 +123,7 @@ class FreeFluid(FluidPhase):
             for region, span in slices
         }
 
-    def cancelling(self, skeleton: MeshState, rates: Rates) -> dict[str, np.ndarray]:
+    def cancelling(self, mesh_state: MeshState, rates: Rates) -> dict[str, np.ndarray]:
         """Return field -> what cancels inside the terms of a free fluid, (n_owned,); a uniform flow
         has nothing else.
 
@@ -134,11 +134,11 @@ class FreeFluid(FluidPhase):
         v = self._level(self.v, self._v1)
         nodal = np.zeros((self.mesh.n_owned, 2))
         speed, relative = (
-            np.linalg.norm(field, axis=-1) for field in (v, v - skeleton.mesh_velocity)
+            np.linalg.norm(field, axis=-1) for field in (v, v - mesh_state.mesh_velocity)
         )
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = self.setup.materials[region]
-            geometry = skeleton.configuration.geometry.part(chunk)
+            geometry = mesh_state.configuration.geometry.part(chunk)
             g = np.linalg.norm(geometry.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
             flux = (
                 geometry.dV.sum(axis=1)
@@ -212,12 +212,12 @@ class FreeFluid(FluidPhase):
         self._carrying.assemble(stiffness)
         self.block.use(self._carrying.mat)
 
-    def _complete(self, K, elements, region, chunk, skeleton, rates):
+    def _complete(self, K, elements, region, chunk, mesh_state, rates):
         """Add the Robin condition of an interface."""
         if self.setup.robin is not None:
             self.setup.robin.add_to(K, self.robin_coefficient, chunk, self.mesh.dim)
 
-    def _prepare_solver(self, skeleton, rates, fields):
+    def _prepare_solver(self, mesh_state, rates, fields):
         """Make the operators that precondition the pressure at the state of the tangent."""
         if self._pressure is None:
             return
@@ -228,31 +228,35 @@ class FreeFluid(FluidPhase):
 
         def chunks():
             for region, chunk in self.domain.chunks(self._doubles_per_cell):
-                yield chunk, self._elements(region, chunk, skeleton.configuration), fields.on(chunk)
+                yield (
+                    chunk,
+                    self._elements(region, chunk, mesh_state.configuration),
+                    fields.on(chunk),
+                )
 
         self._pressure.assemble(chunks, rates.c_f, speed, self.robin_coefficient, diagonal)
 
     def drag_tangents(
-        self, rates: Rates, skeleton: MeshState
+        self, rates: Rates, mesh_state: MeshState
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by the skeleton
         it flows through).
         """
-        fields = self._trial_fields(skeleton)
+        fields = self._trial_fields(mesh_state)
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             if self.setup.materials[region].drag0:
-                elements = self._elements(region, chunk, skeleton.configuration)
+                elements = self._elements(region, chunk, mesh_state.configuration)
                 yield chunk, exchange.flow_by_drag(elements, fields.on(chunk), rates.c_v)
 
     def mesh_tangents(
-        self, rates: Rates, skeleton: MeshState
+        self, rates: Rates, mesh_state: MeshState
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d + 1, A, d) of a free fluid's residuals by its mesh) of
         the trial state.
         """
-        fields = self._trial_fields(skeleton)
+        fields = self._trial_fields(mesh_state)
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
+            elements = self._elements(region, chunk, mesh_state.configuration)
             part = fields.on(chunk)
             yield (
                 chunk,

@@ -15,8 +15,8 @@ from ..kernels import solid as kernel
 from ..linalg.stopwatch import timed
 from ..tensors import det_minus_one
 from .block import LinearBlock
+from .coupling_data import MeshState
 from .setup import MeshSetup
-from .transfer import MeshState
 
 # Of the increments of a nonlinear law, whose lagged tangent contracts them linearly: far below any
 # coupling tolerance.
@@ -112,7 +112,7 @@ class MeshMotion:
 
     # -- what the fluid sees -----------------------------------------------------------------------
 
-    def skeleton(self) -> MeshState:
+    def mesh_state(self) -> MeshState:
         """Return the trial state on the collocation level; raises ConvergenceError when an element
         is inverted.
         """
@@ -127,13 +127,13 @@ class MeshMotion:
             self.moves,
         )
 
-    def accepted_skeleton(self) -> MeshState:
+    def accepted_mesh_state(self) -> MeshState:
         """Return the accepted state."""
         if self._accepted is None:
             self._accepted = self._configuration_at(self.u)
         return MeshState(self._accepted, self.v, self.v, self.u, self.moves)
 
-    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
+    def mesh_state_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return the state of a displacement and a velocity, both (n_local, d)."""
         return MeshState(self._configuration_at(u), v, v, u, self.moves)
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from ..fem.geometry import element_size_tensor
 from ..kernels import stabilization
+from .coupling_data import MeshState, Rates
 from .setup import FluidSetup
-from .transfer import MeshState, Rates
 
 
 class StabilizationParameters:
@@ -26,8 +26,8 @@ class StabilizationParameters:
         self._moved: np.ndarray
         self._compliance: np.ndarray
 
-    def update(self, dt: float, rates: Rates, skeleton: MeshState, v: np.ndarray) -> None:
-        """Evaluate for a step of size dt from velocity v (n_local, d) on the accepted skeleton."""
+    def update(self, dt: float, rates: Rates, mesh_state: MeshState, v: np.ndarray) -> None:
+        """Evaluate for a step of size dt from velocity v (n_local, d) on the accepted mesh."""
         setup = self._setup
         domain = self._setup.domain
         if not (setup.convection or setup.moving_mesh) and self._made_for == rates:
@@ -40,10 +40,10 @@ class StabilizationParameters:
             self.nu_lsic = np.zeros(shape)
             self._moved = np.empty(shape)
             self._compliance = np.empty((domain.n_cells, domain.dim, domain.dim))
-        c = v - skeleton.mesh_velocity
-        positions = domain.mesh.X + skeleton.displacement if setup.moving_mesh else domain.mesh.X
+        c = v - mesh_state.mesh_velocity
+        positions = domain.mesh.X + mesh_state.displacement if setup.moving_mesh else domain.mesh.X
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
-            configuration = skeleton.configuration
+            configuration = mesh_state.configuration
             material = setup.materials[region]
             self._momentum(
                 chunk,

@@ -12,11 +12,11 @@ from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
 from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
+from .coupling_data import MeshState, Rates
 from .fluid import FluidPhase
 from .residual import Residual
 from .setup import PoreFluidSetup
 from .surface_terms import SurfaceTerms
-from .transfer import MeshState, Rates
 
 
 class PoreFluid(FluidPhase):
@@ -36,11 +36,11 @@ class PoreFluid(FluidPhase):
     def _new_solver(self, matrix: ElementMatrix) -> LinearSolver:
         return self.setup.linear_solver(matrix, operators=False)
 
-    def begin_step(self, scheme: Scheme, rates: Rates, t: float, skeleton: MeshState) -> None:
+    def begin_step(self, scheme: Scheme, rates: Rates, t: float, mesh_state: MeshState) -> None:
         """Start a step; see `FluidPhase.begin_step`."""
-        super().begin_step(scheme, rates, t, skeleton)
-        self.fluxes.begin_step(scheme, self._accepted_state(skeleton, t))
-        self._weigh_drag(skeleton)
+        super().begin_step(scheme, rates, t, mesh_state)
+        self.fluxes.begin_step(scheme, self._accepted_state(mesh_state, t))
+        self._weigh_drag(mesh_state)
 
     def _prescribe_pressure(self, p: np.ndarray, t: float) -> None:
         self.setup.pressure.apply(p[:, None], t)
@@ -56,7 +56,7 @@ class PoreFluid(FluidPhase):
         """
         return momentum.total if self.setup.split == "corrected" else 0.0
 
-    def drag_scale(self, skeleton: MeshState, rates: Rates) -> np.ndarray:
+    def drag_scale(self, mesh_state: MeshState, rates: Rates) -> np.ndarray:
         """Return the nodal forces S max(|v_f|, c_v |u|), (n_owned, d) [N], whose round-off v_f -
         v_s has.
 
@@ -65,7 +65,7 @@ class PoreFluid(FluidPhase):
         """
         n = self.mesh.n_owned
         v_f = self._level(self.v, self._v1)[:n]
-        u = skeleton.displacement[:n]
+        u = mesh_state.displacement[:n]
         return self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
 
     def force_per_rate(self, rates: Rates) -> float:
@@ -74,14 +74,14 @@ class PoreFluid(FluidPhase):
         """
         return np.inf
 
-    def _weigh_drag(self, skeleton):
+    def _weigh_drag(self, mesh_state):
         """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N
         s/m].
         """
         domain = self.domain
         drag = np.empty(self.domain.n_cells)
         for region, span in domain.region_slices.items():
-            configuration = skeleton.configuration
+            configuration = mesh_state.configuration
             drag[span] = (
                 self.setup.materials[region].drag(configuration.J[span])
                 * configuration.geometry.dV[span]
@@ -106,7 +106,7 @@ class PoreFluid(FluidPhase):
         self._v1 += np.where(free, self._chi[:, None] * change / self.scheme.alpha_f, 0.0)
         self._update_rates()
 
-    def dragged_fraction(self, skeleton: MeshState, rates: Rates) -> np.ndarray:
+    def dragged_fraction(self, mesh_state: MeshState, rates: Rates) -> np.ndarray:
         """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a
         node's elements (collective).
         """
@@ -114,23 +114,23 @@ class PoreFluid(FluidPhase):
         chi = np.empty(domain.n_cells)
         for region, span in domain.region_slices.items():
             material = self.setup.materials[region]
-            J = skeleton.configuration.J[span]
+            J = mesh_state.configuration.J[span]
             rho = material.fluid_fraction(J) * material.rho_fR
             chi[span] = rates.dragged_fraction(material.drag(J), rho).mean(axis=1)
         return self.mesh.halo.extend(self._nodal_sum(chi) / self._nodal_sum(np.ones_like(chi)))
 
     # -- tangents ----------------------------------------------------------------------------------
 
-    def _complete(self, K, elements, region, chunk, skeleton, rates):
+    def _complete(self, K, elements, region, chunk, mesh_state, rates):
         """Add what the skeleton answers, in the corrected split."""
         if self.setup.split == "corrected":
             material = self.setup.materials[region]
-            self._add_skeleton_answer(K, elements, material, skeleton, rates, chunk)
+            self._add_skeleton_answer(K, elements, material, mesh_state, rates, chunk)
 
-    def _prepare_solver(self, skeleton, rates, fields):
-        self._chi = self.dragged_fraction(skeleton, rates)
+    def _prepare_solver(self, mesh_state, rates, fields):
+        self._chi = self.dragged_fraction(mesh_state, rates)
 
-    def _add_skeleton_answer(self, values, elements, material, skeleton, rates, chunk):
+    def _add_skeleton_answer(self, values, elements, material, mesh_state, rates, chunk):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure
         gradient the skeleton feels.
         """
@@ -143,7 +143,7 @@ class PoreFluid(FluidPhase):
         )
         reference = self.domain.reference.part(chunk)
         H = displacement_gradient(
-            reference.G, self.domain.gather(skeleton.displacement, chunk), reference.hoop
+            reference.G, self.domain.gather(mesh_state.displacement, chunk), reference.hoop
         )
         compliance = volumetric_compliance(material.elastic, H)
         kernel.add_skeleton_answer(values, elements, alpha2_cv * compliance, alpha2_cv / inertia)
@@ -155,26 +155,26 @@ class PoreFluid(FluidPhase):
             )
 
     def exchange_tangents(
-        self, rates: Rates, skeleton: MeshState
+        self, rates: Rates, mesh_state: MeshState
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the skeleton's
         positions) of the trial state.
         """
-        fields = self._trial_fields(skeleton)
-        moving = skeleton.moving_mesh
+        fields = self._trial_fields(mesh_state)
+        moving = mesh_state.moving_mesh
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
+            elements = self._elements(region, chunk, mesh_state.configuration)
             yield chunk, exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
 
-    def shape_tangents(self, skeleton: MeshState) -> Iterator[tuple[slice, np.ndarray]]:
+    def shape_tangents(self, mesh_state: MeshState) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the moving mesh's
         geometry) of the trial state.
         """
         domain = self.domain
-        fields = self._trial_fields(skeleton)
+        fields = self._trial_fields(mesh_state)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            elements = self._elements(region, chunk, skeleton.configuration)
-            J = skeleton.configuration.J[chunk]
+            elements = self._elements(region, chunk, mesh_state.configuration)
+            J = mesh_state.configuration.J[chunk]
             derivatives = shape.VolumeDerivatives(
                 *self.setup.materials[region].volume_derivatives(J)
             )

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..kernels import exchange, shape
+from .coupling_data import Flow
 from .setup import SkeletonSetup
 from .solid import SolidPhase
-from .transfer import Flow
 
 
 class Skeleton(SolidPhase):
@@ -64,7 +64,7 @@ class Skeleton(SolidPhase):
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial
         state.
         """
-        configuration = self.skeleton().configuration
+        configuration = self.mesh_state().configuration
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             material = self.setup.materials[region]
             J = configuration.J[chunk]
@@ -82,7 +82,7 @@ class Skeleton(SolidPhase):
         of the trial state.
         """
         domain = self.domain
-        configuration = self.skeleton().configuration
+        configuration = self.mesh_state().configuration
         p = domain.gather(flow.pressure)
         w = domain.gather(flow.velocity - self.velocity)
         for region, chunk in domain.chunks(self._doubles_per_cell):

@@ -17,12 +17,12 @@ from ..linalg.stopwatch import timed
 from ..materials.elastic import ElasticLaw
 from ..tensors import det_minus_one
 from .block import LinearBlock
+from .coupling_data import Flow, MeshState, Rates
 from .loads import body_acceleration
 from .residual import Residual
 from .setup import SolidSetup
 from .surface_terms import SurfaceTerms
 from .tangent import TangentRule
-from .transfer import Flow, MeshState, Rates
 
 # The residual of a body that turns stays at 0.7 to 2.5 times the round-off of what cancels
 # (measured on a slender beam, the beam of the Hron-Turek channel and the ring, both last at 5e-10
@@ -149,7 +149,7 @@ class SolidPhase:
         """Return the velocity on the collocation level, (n_local, d) [m/s]."""
         return self.scheme.velocity_level(self.v, self._v1)
 
-    def skeleton(self) -> MeshState:
+    def mesh_state(self) -> MeshState:
         """Return what the fluid needs of the trial state; raises ConvergenceError when an element
         is inverted.
         """
@@ -159,11 +159,11 @@ class SolidPhase:
             self._configuration, self.velocity, self._v1, self._u_alpha, self.setup.moving_mesh
         )
 
-    def skeleton_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
+    def mesh_state_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return the same for a displacement and a velocity, both (n_local, d)."""
         return MeshState(self._configuration_at(u), v, v, u, self.setup.moving_mesh)
 
-    def accepted_skeleton(self) -> MeshState:
+    def accepted_mesh_state(self) -> MeshState:
         """Return the same for the accepted state."""
         if self._accepted_configuration is None:
             self._accepted_configuration = self._configuration_at(self.u)
@@ -229,7 +229,7 @@ class SolidPhase:
     def _coupling_terms(self, flow):
         """Return the pressure and the drag of a fluid in the pores, name -> (n_owned, d) [N]."""
         domain = self.domain
-        configuration = self.skeleton().configuration
+        configuration = self.mesh_state().configuration
         relative = flow.velocity - self.velocity
         terms = {name: np.zeros(self.unknowns.shape) for name in ("pressure", "drag")}
         for region, chunk in domain.chunks(self._doubles_per_cell):
@@ -364,12 +364,12 @@ class SolidPhase:
         if self._rule.due(rates, iterations):
             point = {"u": self.u} | ({"v": self.v} if self.surfaces.places else {})
             self._rule.store(rates, point)
-            self._assemble(self.u, self.v, self.accepted_skeleton().configuration, rates)
+            self._assemble(self.u, self.v, self.accepted_mesh_state().configuration, rates)
 
     def renew_tangent(self, rates: Rates) -> None:
         """Assemble the tangent at the trial state (full Newton)."""
         self._rule.forget()
-        configuration = self.skeleton().configuration
+        configuration = self.mesh_state().configuration
         self._assemble(self._u_alpha, self.velocity, configuration, rates, self._linear_from)
 
     def expire_tangent(self) -> None:
@@ -438,7 +438,7 @@ class SolidPhase:
         corrected split's terms and what couples whole surfaces.
         """
         surfaces = self.surfaces.tangents(self._surface_state, Slope(1.0, rates.c_v))
-        configuration = self.skeleton().configuration
+        configuration = self.mesh_state().configuration
         weights = self._plain_weights
         return self._tangents(
             self._u_alpha, configuration, rates, surfaces, weights, self._linear_from

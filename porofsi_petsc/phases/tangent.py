@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..fem.distribute import LocalMesh
-from .transfer import Rates
+from .coupling_data import Rates
 
 WEAR_FACTOR = 1.5
 WEAR_OFFSET = 2

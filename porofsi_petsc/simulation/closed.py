@@ -53,9 +53,8 @@ def interface_scheme(scene: Scene, closed_by_solid: bool, direct: bool) -> Inter
 
     closed_by_solid : whether a part of the fluid is closed when the velocity of the interface is
     known.  Told it all around, the fluid cannot keep its volume, and no force tells the solid how
-    much room to make: schemes that solve for both, or tell the
-    fluid a mixture of velocity and force, do.  direct : whether a mesh of this size is solved by
-    factorizations
+    much room to make: schemes that solve for both, or tell the fluid a combination of velocity and
+    force, do.  direct : whether a mesh of this size is solved by factorizations
     """
     choice = scene.coupling
     driven = choice.scheme not in MONOLITHIC and choice.interface in ("auto", "dirichlet_neumann")

@@ -13,7 +13,7 @@ import numpy as np
 from ..clock import Scheme
 from ..errors import ConvergenceError
 from ..log import logger
-from ..phases.transfer import Rates
+from ..phases.coupling_data import Rates
 from .auto import AnyMedium
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from ..clock import Scheme
 from ..config import Scene
 from ..errors import ConvergenceError
 from ..log import logger
-from ..phases.transfer import Rates
+from ..phases.coupling_data import Rates
 from .auto import AnyMedium
 
 if TYPE_CHECKING:

@@ -51,7 +51,7 @@ class Fields(Mapping):
         if name == "stress":
             return self._measures.stress(coupling.solid.u)
         if name == "porosity":
-            return self._measures.porosity(coupling.accepted_carrier())
+            return self._measures.porosity(coupling.accepted_mesh_state())
         nodal = {
             "displacement": coupling.displacement,
             "pressure": lambda: coupling.fluid.p[:, None],

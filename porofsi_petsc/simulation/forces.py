@@ -45,9 +45,9 @@ class Forces:
 
     def _flow(self, t):
         fluid = self._coupling.fluid
-        carrier = self._coupling.accepted_carrier()
-        through = fluid.v - carrier.mesh_velocity
-        u = carrier.displacement
+        mesh_state = self._coupling.accepted_mesh_state()
+        through = fluid.v - mesh_state.mesh_velocity
+        u = mesh_state.displacement
         given = fluid.surfaces.given(OnSurfaces(t, u, fluid.v, through, fluid.p))
         return State(fluid.force, t, u, fluid.v, through, fluid.p, given)
 

@@ -22,7 +22,7 @@ from ..materials import MESH_MOTION
 from ..phases.condensed import CondensedSolid
 from ..phases.elastic_solid import ElasticSolid
 from ..phases.free_fluid import FreeFluid
-from ..phases.interface_mixture import InterfaceMixture
+from ..phases.interface_monolithic import InterfaceSystem
 from ..phases.mesh_motion import MeshMotion
 from ..phases.setup import ElasticSolidSetup, FreeFluidSetup, MeshSetup
 from .axis import axis_tags
@@ -106,8 +106,8 @@ class InterfaceBuilder(Builder):
         both = {"motion": motion, "transfer": transfer}
         if self.scheme in MONOLITHIC:
             interface = transfer.fluid_nodes
-            mixture = InterfaceMixture(solid, fluid, motion, interface, self.scheme == "direct")
-            return InterfaceMonolithic(*medium, mixture, **both)
+            system = InterfaceSystem(solid, fluid, motion, interface, self.scheme == "direct")
+            return InterfaceMonolithic(*medium, system, **both)
         if self._pair == "condensed":
             answer = CondensedSolid(solid, fluid)
             return CondensedCoupling(*medium, self.scene.full_newton, answer=answer, **both)

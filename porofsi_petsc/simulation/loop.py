@@ -22,7 +22,7 @@ from ..errors import (
 )
 from ..linalg.options import check_options
 from ..log import logger
-from ..phases.transfer import Rates
+from ..phases.coupling_data import Rates
 from ..signals import forget, noted
 from .auto import AnyMedium, AutoMedium
 from .continuation import Continuation

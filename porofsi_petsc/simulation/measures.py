@@ -22,8 +22,8 @@ from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.porous import PorousMaterial
 from ..materials.strain import deformation, green_strain
+from ..phases.coupling_data import MeshState
 from ..phases.residual import Residual
-from ..phases.transfer import MeshState
 from ..tensors import det_minus_one, transpose
 from .auto import AnyMedium, at_start
 from .builder import materials_of
@@ -92,9 +92,9 @@ class TrialStep:
         extend = solid.mesh.halo.extend
         d = solid.mesh.dim
         self.u = extend(solid.unknowns)
-        self.v_s = solid.skeleton().end_velocity
+        self.v_s = solid.mesh_state().end_velocity
         self.v_f = extend(fluid.unknowns[:, :d])
-        self.v_m = medium.carrier().end_velocity
+        self.v_m = medium.mesh_state().end_velocity
         self.solid_rate = (self.v_s - solid.v) / dt
         self.fluid_rate = (self.v_f - fluid.v) / dt
         self.solid_residual: Residual = medium.residuals[0]
@@ -135,14 +135,14 @@ class Measures:
 
     # -- fields ------------------------------------------------------------------------------------
 
-    def porosity(self, skeleton: MeshState) -> np.ndarray:
+    def porosity(self, mesh_state: MeshState) -> np.ndarray:
         """Return n_f at the nodes, (n_owned, 1)."""
         values = np.empty((self._fluid.n_cells, 1))
         for region, span in self._fluid.region_slices.items():
             if span.stop > span.start:
                 values[span, 0] = (
                     self._materials[region]
-                    .fluid_fraction(skeleton.configuration.J[span])
+                    .fluid_fraction(mesh_state.configuration.J[span])
                     .mean(axis=1)
                 )
         return self._in_fluid(values)

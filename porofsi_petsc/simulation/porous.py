@@ -9,7 +9,7 @@ from ..fem.boundary import weak_zero_on
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..linalg.stopwatch import Stopwatch
-from ..phases.mixture import DirectMixture, QuasiDirectMixture
+from ..phases.monolithic import DirectSystem, QuasiDirectSystem
 from ..phases.pore_fluid import PoreFluid
 from ..phases.setup import PoreFluidSetup, SkeletonSetup
 from ..phases.skeleton import Skeleton
@@ -18,7 +18,7 @@ from .builder import MONOLITHIC, Builder, entries
 from .conditions import no_slip_nodes, nodes_of
 from .drainage import holds_normal, require_one_drainage
 
-MIXTURES = {"quasi_direct": QuasiDirectMixture, "direct": DirectMixture}
+SYSTEMS = {"quasi_direct": QuasiDirectSystem, "direct": DirectSystem}
 
 
 class PorousBuilder(Builder):
@@ -37,8 +37,8 @@ class PorousBuilder(Builder):
         fluid = PoreFluid(self.fluid())
         choice = self.scene.coupling
         common = solid, fluid, self.mesh.comm, choice.tolerance, choice.max_iterations
-        if choice.scheme in MIXTURES:
-            return MonolithicCoupling(*common, MIXTURES[choice.scheme](solid, fluid))
+        if choice.scheme in SYSTEMS:
+            return MonolithicCoupling(*common, SYSTEMS[choice.scheme](solid, fluid))
 
         def accelerator(dot, name=choice.accelerator):
             return self.accelerator(dot, name, choice.relaxation, GUARDS[choice.split])

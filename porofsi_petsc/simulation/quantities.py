@@ -89,7 +89,7 @@ class Quantities:
         }
         if "n_f" in wanted:
             arrays["n_f"] = self._mesh.halo.extend(
-                self._measures.porosity(coupling.accepted_carrier())
+                self._measures.porosity(coupling.accepted_mesh_state())
             )
         of_solid = {"u", "v"}
         return {

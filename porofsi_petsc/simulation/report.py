@@ -17,7 +17,7 @@ from ..coupling.protocols import Fluid, Solid
 if TYPE_CHECKING:
     from .simulation import Simulation
 
-BLOCKS = ("fluid", "solid", "mesh", "mixture")
+BLOCKS = ("fluid", "solid", "mesh", "monolithic")
 
 
 def summarize(

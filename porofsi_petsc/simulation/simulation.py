@@ -217,7 +217,7 @@ class Simulation:
 
     @property
     def solvers(self) -> dict[str, LinearSolver]:
-        """Return the linear solvers by the name of their block: solid, fluid, mesh, mixture
+        """Return the linear solvers by the name of their block: solid, fluid, mesh, monolithic
         (local).
         """
         return {name: block.solver for name, block in self.coupling.blocks.items() if block.solver}

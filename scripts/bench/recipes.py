@@ -4,8 +4,8 @@
 Prints a markdown table: some steps of a scene with each string of options, in one process, all of
 them N (2) times in turn; the least time counts.  Seconds are CPU time of rank 0 without the start:
 the machine may be shared.  Set-up and solve of all linear solvers, and the steps as a whole; mean
-iterations of fluid, solid, mesh and mixture; MB: what MUMPS used for all its factors, on all ranks
-(its INFOG(22)).  More ranks: mpirun -n 2 scripts/run bench recipes TABLE
+iterations of fluid, solid, mesh and monolithic system; MB: what MUMPS used for all its factors, on
+all ranks (its INFOG(22)).  More ranks: mpirun -n 2 scripts/run bench recipes TABLE
 """
 
 import gc
@@ -28,7 +28,7 @@ from porofsi_petsc.simulation.loop import ABSENT_PREFIXES
 ROOT = Path(__file__).resolve().parents[2]
 RECIPES = ROOT / "configs" / "petsc"
 SCENES = ROOT / "tests" / "scenes"
-BLOCKS = ("fluid", "solid", "mesh", "mixture")
+BLOCKS = ("fluid", "solid", "mesh", "monolithic")
 HEADS = ("options", *BLOCKS, "sweeps", "set-up, s", "solve, s", "steps, s", "MB")
 
 
@@ -149,10 +149,10 @@ TABLES = {
         BLOCK,
         2,
         (
-            "mixture_direct.opt",
-            "mixture_sweep.opt",
-            "mixture_sweep.opt solid_icc.opt",
-            "mixture_sweep.opt solid_hypre.opt",
+            "monolithic_direct.opt",
+            "monolithic_sweep.opt",
+            "monolithic_sweep.opt solid_icc.opt",
+            "monolithic_sweep.opt solid_hypre.opt",
         ),
     ),
     "tolerances_porous": Table("pulse3d", cube(14), 5, TOLERANCES),

@@ -246,10 +246,10 @@ def _repeat(coupling, rates):
     comm = coupling.solid.mesh.comm
     actions = {
         "assembly": lambda: (
-            fluid.renew_tangent(rates, coupling.carrier()),
+            fluid.renew_tangent(rates, coupling.mesh_state()),
             solid.renew_tangent(rates),
         ),
-        "residual": lambda: solid.residual(coupling.flow(fluid.residual(coupling.carrier()))),
+        "residual": lambda: solid.residual(coupling.flow(fluid.residual(coupling.mesh_state()))),
     }
     best = {}
     for name, action in actions.items():

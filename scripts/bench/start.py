@@ -49,8 +49,8 @@ def start_of_fluid(v_order, p_order):
     v_levels = deque(maxlen=3)
     p_levels = deque(maxlen=3)
 
-    def begin_step(fluid, scheme, rates, t, skeleton):
-        original(fluid, scheme, rates, t, skeleton)
+    def begin_step(fluid, scheme, rates, t, mesh_state):
+        original(fluid, scheme, rates, t, mesh_state)
         v_levels.appendleft(fluid.v.copy())
         p_levels.appendleft(fluid.p.copy())
         if v_order != KEEP:

@@ -21,7 +21,7 @@ from porofsi_petsc.coupling.robin import STIFFER, solid_impedance
 from porofsi_petsc.exact import Ring
 from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays
 from porofsi_petsc.output.files import write_text
-from porofsi_petsc.phases.transfer import Rates
+from porofsi_petsc.phases.coupling_data import Rates
 from porofsi_petsc.studies.table import Table, markdown, sweep
 from porofsi_petsc.studies.trial import attempt
 

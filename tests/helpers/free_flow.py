@@ -145,7 +145,7 @@ def _sources(flow, coupling):
         def where_the_mesh_is(time, reference):
             domain = coupling.fluid.domain
             motion = coupling.motion
-            u = motion.skeleton().displacement
+            u = motion.mesh_state().displacement
             points = domain.mass.N @ domain.gather(domain.mesh.X + u)
             return f(time, points.reshape(-1, 2))
 

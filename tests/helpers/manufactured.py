@@ -22,9 +22,9 @@ from porofsi_petsc.fem.essential import Dirichlet
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.linalg.stopwatch import Stopwatch
+from porofsi_petsc.phases.coupling_data import Flow, MeshState, Rates
 from porofsi_petsc.phases.pore_fluid import PoreFluid
 from porofsi_petsc.phases.skeleton import Skeleton
-from porofsi_petsc.phases.transfer import Flow, MeshState, Rates
 from porofsi_petsc.simulation.build import serial_mesh
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.porous import PorousBuilder
@@ -366,11 +366,11 @@ def fluid_alone(truth, scene):
         )
         fluid.begin_step(scheme, rates, time, begin)
 
-        def correct(residuals, rates=rates, skeleton=middle):
-            fluid.renew_tangent(rates, skeleton)
+        def correct(residuals, rates=rates, mesh_state=middle):
+            fluid.renew_tangent(rates, mesh_state)
             fluid.correct(residuals)
 
-        converge(lambda skeleton=middle: fluid.residual(skeleton), correct)
+        converge(lambda mesh_state=middle: fluid.residual(mesh_state), correct)
         fluid.accept()
     return fluid
 

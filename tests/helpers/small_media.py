@@ -79,7 +79,7 @@ def in_motion(mesh, *overrides):
         array[:] = scale * rng.standard_normal(array.shape)
     for phase in (solid, fluid):
         phase.reset()
-    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_skeleton())
+    fluid.begin_step(fluid_scheme, rates, 0.0, solid.accepted_mesh_state())
     solid.begin_step(solid_scheme, 0.0)
     solid.unknowns = solid.unknowns + 0.02 * rng.standard_normal(solid.unknowns.shape)
     fluid.unknowns = fluid.unknowns + np.array(

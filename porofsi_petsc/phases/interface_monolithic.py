@@ -5,19 +5,19 @@ iterations over an interface.
 import numpy as np
 
 from ..fem.domain import Domain
-from ..linalg.fieldsplit import mixture_defaults
+from ..linalg.fieldsplit import monolithic_defaults
 from ..linalg.low_rank import Coupled, padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .coupling_data import Rates
 from .elastic_solid import ElasticSolid
 from .free_fluid import FreeFluid
 from .mesh_motion import MeshMotion
 from .residual import Residual
-from .transfer import Rates
 
 
-class InterfaceMixture:
+class InterfaceSystem:
     """One Newton step for (u, v_f, p), unknowns of a node together, u of the solid or (direct) of
     the fluid's mesh.
 
@@ -27,7 +27,7 @@ class InterfaceMixture:
     and converges quadratically.
     """
 
-    prefix = "mixture_"
+    prefix = "monolithic_"
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class InterfaceMixture:
         """Return a factorization, in 3-D too: this matrix has no preconditioner of its own yet."""
         m = self._mask.shape[1]
         null = self._fluid.setup.constant_pressures(self._domain, m, m - 1)
-        defaults = mixture_defaults(direct=True)
+        defaults = monolithic_defaults(direct=True)
         return LinearSolver(matrix.mat, self.prefix, defaults, null_vectors=null)
 
     def _make_mask(self, solid_setup, fluid_setup, mesh_setup):
@@ -100,7 +100,7 @@ class InterfaceMixture:
         d = self.mesh.dim
         tie = self._interface[: self.mesh.n_owned, None]
         found = padded(self._solid.coupled(rates), slice(d), 2 * d + 1)
-        of_fluid = self._fluid.coupled(self._motion.skeleton())
+        of_fluid = self._fluid.coupled(self._motion.mesh_state())
         for term in padded(of_fluid, slice(d, 2 * d), 2 * d + 1):
             on_interface = tie * term.vector[:, d : 2 * d]
             row, column = term.vector.copy(), term.vector
@@ -111,19 +111,19 @@ class InterfaceMixture:
 
     def _fill(self, values, rates):
         d = self.mesh.dim
-        skeleton = self._motion.skeleton()
+        mesh_state = self._motion.mesh_state()
         of_solid, of_fluid, of_mesh = self._rows
         for chunk, K in self._solid.trial_tangents(rates):
             values[of_solid[chunk], :, :d, :, :d] += K
-        for chunk, K in self._fluid.trial_tangents(rates, skeleton):
+        for chunk, K in self._fluid.trial_tangents(rates, mesh_state):
             values[of_fluid[chunk], :, d:, :, d:] += K
         if self._immersed:
             for chunk, K in self._solid.drag_tangents():
                 values[of_solid[chunk], :, :d, :, d:] += K
-            for chunk, K in self._fluid.drag_tangents(rates, skeleton):
+            for chunk, K in self._fluid.drag_tangents(rates, mesh_state):
                 values[of_fluid[chunk], :, d:, :, :d] += K
         if self._with_mesh:
-            for chunk, K in self._fluid.mesh_tangents(rates, skeleton):
+            for chunk, K in self._fluid.mesh_tangents(rates, mesh_state):
                 values[of_fluid[chunk], :, d:, :, :d] += K
         tie = self._interface[self._fluid.domain.cells][..., None]
         fluid = values[of_fluid]

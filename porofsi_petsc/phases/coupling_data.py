@@ -11,10 +11,10 @@ from ..fem.domain import Configuration
 
 @dataclass(frozen=True)
 class MeshState:
-    """What carries the fluid's mesh: its configuration and v_s on the collocation level, (n_local,
-    d) [m/s].
+    """The mesh of a fluid, which moves with a solid: its configuration and v_s on the collocation
+    level, (n_local, d) [m/s].
 
-    In a porous medium it is the skeleton itself; a free fluid has the motion of its mesh, the
+    In a porous medium they are the skeleton's own; a free fluid has the motion of its mesh, the
     solid's on their interface.
     end_velocity : v_s on the new level, which no-slip walls prescribe; displacement : u (n_local,
     d) [m] of the configuration.

@@ -3,18 +3,18 @@
 import numpy as np
 from petsc4py import PETSc
 
-from ..linalg.fieldsplit import mixture_defaults
+from ..linalg.fieldsplit import monolithic_defaults
 from ..linalg.low_rank import padded
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
+from .coupling_data import Rates
 from .pore_fluid import PoreFluid
 from .residual import Residual
 from .skeleton import Skeleton
-from .transfer import Rates
 
 
-class QuasiDirectMixture:
+class QuasiDirectSystem:
     """One Newton step for (y, v_f, p), unknowns of a node together, with all off-diagonal tangents
     on a fixed mesh.
 
@@ -32,7 +32,7 @@ class QuasiDirectMixture:
     residual of an iterative solver mixes N and m³/s.
     """
 
-    prefix = "mixture_"
+    prefix = "monolithic_"
 
     def __init__(self, solid: Skeleton, fluid: PoreFluid) -> None:
         """Take the phases."""
@@ -51,7 +51,7 @@ class QuasiDirectMixture:
 
     def _new_solver(self, matrix):
         sweep = PhaseSweep(self, self._solid, self._fluid)
-        defaults = mixture_defaults(self._solid.setup.direct)
+        defaults = monolithic_defaults(self._solid.setup.direct)
         return LinearSolver(matrix.mat, self.prefix, defaults, preconditioner=sweep)
 
     def correct(
@@ -91,7 +91,7 @@ class QuasiDirectMixture:
         """Make the matrix of the trial state (collective)."""
         values = self._solid.setup.new_tangents(2 * self.mesh.dim + 1)
         self.rates = rates
-        self._fill(values, rates, self._solid.skeleton())
+        self._fill(values, rates, self._solid.mesh_state())
         self._combine(values)
         self._scale(values)
         self.block.assemble([(slice(None), values)], self._coupled(rates))
@@ -103,15 +103,15 @@ class QuasiDirectMixture:
         """
         return padded(self._solid.coupled(rates), slice(self.mesh.dim), 2 * self.mesh.dim + 1)
 
-    def _fill(self, values, rates, skeleton):
+    def _fill(self, values, rates, mesh_state):
         d = self.mesh.dim
         for chunk, K in self._solid.trial_tangents(rates):
             values[chunk, :, :d, :, :d] = K
         for chunk, K in self._solid.exchange_tangents():
             values[chunk, :, :d, :, d:] = K
-        for chunk, K in self._fluid.exchange_tangents(rates, skeleton):
+        for chunk, K in self._fluid.exchange_tangents(rates, mesh_state):
             values[chunk, :, d:, :, :d] = K
-        for chunk, K in self._fluid.trial_tangents(rates, skeleton):
+        for chunk, K in self._fluid.trial_tangents(rates, mesh_state):
             values[chunk, :, d:, :, d:] = K
 
     def _combine(self, values):
@@ -123,7 +123,7 @@ class QuasiDirectMixture:
         """
         d = self.mesh.dim
         cells = self._solid.domain.cells
-        chi = self._fluid.dragged_fraction(self._solid.skeleton(), self.rates)[:, None]
+        chi = self._fluid.dragged_fraction(self._solid.mesh_state(), self.rates)[:, None]
         velocity_per_position = self._solid.scheme.rates(1.0, 0.0, 0.0, 0.0)[0]
         self._added = np.where(self._combined, chi, 0.0)
         self._tie = np.where(self._no_slip, velocity_per_position, self.rates.c_v * self._added)
@@ -163,56 +163,56 @@ class QuasiDirectMixture:
         return (increment / self._columns).ravel()
 
 
-class DirectMixture(QuasiDirectMixture):
+class DirectSystem(QuasiDirectSystem):
     """The same with the derivative by the moving mesh: Newton's iteration, which converges
     quadratically.
     """
 
-    def _fill(self, values, rates, skeleton):
-        super()._fill(values, rates, skeleton)
-        if not skeleton.moving_mesh:
+    def _fill(self, values, rates, mesh_state):
+        super()._fill(values, rates, mesh_state)
+        if not mesh_state.moving_mesh:
             return
         d = self.mesh.dim
         for chunk, K in self._solid.shape_tangents(self._fluid.flow()):
             values[chunk, :, :d, :, :d] += K
-        for chunk, K in self._fluid.shape_tangents(skeleton):
+        for chunk, K in self._fluid.shape_tangents(mesh_state):
             values[chunk, :, d:, :, :d] += K
 
 
 class PhaseSweep:
-    """PETSc Python preconditioner of a mixture: one Gauss-Seidel sweep over the phases by the
-    tangents of the corrected split.
+    """PETSc Python preconditioner of a monolithic system: one Gauss-Seidel sweep over the phases by
+    the tangents of the corrected split.
 
     (w, p) first, by the fluid's tangent with the skeleton's answer, then y.  The blocks are the
     phases' own solvers, options -fluid_ and -solid_.
     """
 
-    def __init__(self, mixture: QuasiDirectMixture, solid: Skeleton, fluid: PoreFluid) -> None:
-        """Take the mixture, whose variables the vectors have, and the phases of the corrected
+    def __init__(self, system: QuasiDirectSystem, solid: Skeleton, fluid: PoreFluid) -> None:
+        """Take the system, whose variables the vectors have, and the phases of the corrected
         split.
         """
-        self._mixture = mixture
+        self._system = system
         self._solid = solid
         self._fluid = fluid
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Renew the tangents of both phases at the trial state (collective)."""
-        rates = self._mixture.rates
+        rates = self._system.rates
         assert rates is not None  # those of the matrix
-        self._fluid.renew_tangent(rates, self._solid.skeleton())
+        self._fluid.renew_tangent(rates, self._solid.mesh_state())
         self._solid.renew_tangent(rates)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the increments of a sweep with the right-hand side x (collective)."""
-        mixture = self._mixture
+        system = self._system
         d = self._solid.mesh.dim
-        rhs = mixture.to_forces(x.getArray(readonly=True))
+        rhs = system.to_forces(x.getArray(readonly=True))
         increment = np.zeros(rhs.shape)
         increment[:, d:] = self._fluid.solve(rhs[:, d:])
-        y.setArray(mixture.to_solver(increment))
+        y.setArray(system.to_solver(increment))
         image = x.duplicate()
         pc.getOperators()[0].mult(y, image)
-        rest = rhs - mixture.to_forces(image.getArray(readonly=True))
+        rest = rhs - system.to_forces(image.getArray(readonly=True))
         image.destroy()
         increment[:, :d] = self._solid.solve(rest[:, :d])
-        y.setArray(mixture.to_solver(increment))
+        y.setArray(system.to_solver(increment))

@@ -32,8 +32,8 @@ OPTIONS = {
 
 def residuals(coupling):
     """Return the residuals of u, v_f and p of the trial state, (n_owned, 2 d + 1)."""
-    coupling.fluid.follow(coupling.solid.skeleton())
-    momentum, volume = coupling.fluid.residual(coupling.solid.skeleton())
+    coupling.fluid.follow(coupling.solid.mesh_state())
+    momentum, volume = coupling.fluid.residual(coupling.solid.mesh_state())
     return np.column_stack(
         [coupling.solid.residual(coupling.fluid.flow()).total, momentum.total, volume.total]
     )
@@ -66,28 +66,28 @@ def difference(coupling):
     return np.column_stack(columns)
 
 
-def in_physical_variables(mixture, matrix, d):
+def in_physical_variables(system, matrix, d):
     """Return the matrix K with K δ = r for increments δ of (y, v, p) and balances r: M x = L r and
     δ = S x.
     """
     unit = np.eye(len(matrix)).reshape(len(matrix), -1, 2 * d + 1)
     L, S = (
         np.column_stack([change(column).ravel() for column in unit])
-        for change in (mixture.combined, mixture.separated)
+        for change in (system.combined, system.separated)
     )
     return np.linalg.solve(L, matrix) @ np.linalg.inv(S)
 
 
 def block_errors(coupling, rates):
-    """Return the largest error of every block (rows, columns among y, v, p) of the mixture's matrix
+    """Return the largest error of every block (rows, columns among y, v, p) of the system's matrix
     over its largest entry.
     """
-    mixture = coupling.mixture
+    system = coupling.system
     d = coupling.solid.mesh.dim
     expected = difference(coupling)
-    mixture.assemble(rates)
-    matrix = in_physical_variables(mixture, dense(mixture.block.matrix.mat), d)
-    free = ~mixture.block.mask.ravel()
+    system.assemble(rates)
+    matrix = in_physical_variables(system, dense(system.block.matrix.mat), d)
+    free = ~system.block.mask.ravel()
     component = np.tile(np.arange(2 * d + 1), len(free) // (2 * d + 1))
     fields = {
         "y": component < d,
