@@ -10,6 +10,7 @@ import numpy as np
 from ..compiled import plain, specialized, stack
 from ..elements import Element
 from ..elements.element import Cell, moments
+from ..mesh.topology import is_collapsed
 from ..tensors import invert
 
 
@@ -207,14 +208,23 @@ def _flat(hessian):
     return hessian.reshape(*hessian.shape[:2], -1)
 
 
-def element_size(element: Element, rule: Rule, geometry_of_elements: Geometry) -> np.ndarray:
+def element_size(
+    element: Element, rule: Rule, geometry_of_elements: Geometry, cells: np.ndarray
+) -> np.ndarray:
     """Return h = (V/V_0)^(1/d) / order, (E,) [m], V_0 the volume of the reference cell: the leg of
     a right-angled simplex, or the edge of a cube, of the same volume, per node spacing.
+
+    cells (E, A) nodes, of which a collapsed cell has some twice
     """
     volume = np.broadcast_to(
         geometry_of_elements.dV, (len(geometry_of_elements.dV), len(rule.weights))
     ).sum(axis=1)
-    return (element.cell.count_in_cube * volume) ** (1 / element.dim) / element.order
+    count = np.full(len(cells), float(element.cell.count_in_cube))
+    collapsed = is_collapsed(cells, element)
+    if collapsed.any():
+        first = (cells[collapsed, :, None] == cells[collapsed, None]).argmax(axis=2)
+        count[collapsed] = 1 / geometry(rule, element.node_coordinates[first]).dV.sum(axis=1)
+    return (count * volume) ** (1 / element.dim) / element.order
 
 
 def element_size_tensor(vertices: np.ndarray, h: np.ndarray) -> np.ndarray:
