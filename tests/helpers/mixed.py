@@ -7,6 +7,7 @@ import numpy as np
 from grids import grid
 
 from porofsi_petsc.elements import ELEMENTS
+from porofsi_petsc.mesh import Mesh
 from porofsi_petsc.mesh.topology import boundary_facets, cell_facets
 
 SIDES = {
@@ -56,22 +57,32 @@ def as_one(cells, element):
     return np.vstack([nodes[:, list(forms[kind])] for kind, nodes in cells.items()])
 
 
+def one_mesh(points, cells):
+    """Return the mesh of all cells in collapsed form, region body, and the boundary in sides."""
+    element = ELEMENTS[{2: "Q4", 3: "H8"}[points.shape[1]]]
+    together = as_one(cells, element)
+    cell, local = boundary_facets(together, element)
+    facets = cell_facets(together, element)[cell, local]
+    ends = points.min(axis=0), points.max(axis=0)
+    sides = {
+        side: facets[
+            (points[facets][..., number // 2] == ends[number % 2][number // 2]).all(axis=1)
+        ]
+        for number, side in enumerate(SIDES[element.dim])
+    }
+    region = np.zeros(len(together), dtype=np.int64)
+    return Mesh(points, together, element, ("body",), region, sides)
+
+
 def write_mixed(path, points, cells, upright=None):
     """Write a file with all kinds of cells in the region body and the boundary in sides.
 
     upright : the cells in their positive orientation, where some are not
     """
     dim = points.shape[1]
-    element = ELEMENTS[{2: "Q4", 3: "H8"}[dim]]
-    together = as_one(upright or cells, element)
-    cell, local = boundary_facets(together, element)
-    facets = cell_facets(together, element)[cell, local]
     groups = [(kind, dim, "body", nodes) for kind, nodes in cells.items()]
-    low, high = points.min(axis=0), points.max(axis=0)
-    for number, side in enumerate(SIDES[dim]):
-        axis, end = divmod(number, 2)
-        here = facets[(points[facets][..., axis] == (low, high)[end][axis]).all(axis=1)]
-        groups += [(kind, dim - 1, side, nodes) for kind, nodes in _by_shape(here) if len(nodes)]
+    for side, facets in one_mesh(points, upright or cells).facets.items():
+        groups += [(kind, dim - 1, side, nodes) for kind, nodes in _by_shape(facets) if len(nodes)]
     names = {name: i for i, (name, _) in enumerate({(n, d): 0 for _, d, n, _ in groups}, start=1)}
     numbers = [np.full(len(nodes), names[name]) for _, _, name, nodes in groups]
     meshio.Mesh(
