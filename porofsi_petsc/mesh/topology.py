@@ -65,7 +65,10 @@ def is_collapsed(cells: np.ndarray, element: Element) -> np.ndarray:
 
 def times_in_cell(cells: np.ndarray) -> np.ndarray:
     """Return how often a cell has each of its nodes, (E, A), of cells (E, A)."""
-    return (cells[:, :, None] == cells[:, None]).sum(axis=2)
+    times = np.zeros(cells.shape, dtype=np.int64)
+    for column in cells.T:
+        times += cells == column[:, None]
+    return times
 
 
 def facet_groups(cells: np.ndarray, element: Element) -> np.ndarray:
