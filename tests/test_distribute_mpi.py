@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mixed import cut, one_mesh, unit_grid
 from mpi4py import MPI
 
 from porofsi_petsc.fem import distribute
@@ -34,12 +35,15 @@ def serial_mesh(name):
         )
     if name == "T4":
         return box(axis([0.0, 1.0], [3]), axis([0.0, 1.0], [2]), axis([0.0, 2.0], [4]))
+    if name == "mixed":
+        points, cells = cut(unit_grid(3, 2))
+        return one_mesh(points, cells)
     return rectangle(
         axis([0.0, 1.0], [1]), axis([0.0, 1.0], [1])
     )  # "tiny": four nodes, empty ranks on five
 
 
-@pytest.fixture(scope="module", params=["T6", "T4", "tiny"])
+@pytest.fixture(scope="module", params=["T6", "T4", "mixed", "tiny"])
 def meshes(request):
     """Return the serial mesh (on every rank, for comparison) and the local one."""
     serial = serial_mesh(request.param)

@@ -17,6 +17,7 @@ from kernel_states import (
     free_chunk,
     relative,
 )
+from mixed import cut, one_mesh, unit_grid
 
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
@@ -126,6 +127,17 @@ def test_shape_tangent_is_the_derivative(name, mu, convection):
     assert relative(exact, central_difference(residual, x)) < FD_TOLERANCE
 
 
+def _linear(name):
+    """Return the mesh of the vertices, and the element."""
+    shape, _, dim = name.partition(" ")
+    if shape == "mixed":
+        mesh = one_mesh(*cut(unit_grid(int(dim), 2)))
+        return mesh, mesh.element
+    d = ELEMENTS[name].dim
+    axis = SimpleNamespace(points=[0.0, 1.0], cells=[3 if d == 2 else 2], ratios=None)
+    return grid(name, [axis] * d, order=1), ELEMENTS[name]
+
+
 class Patch:
     """A small mesh of straight-sided elements with moved vertices, or of parallelograms, on which
     the quadrature of all terms is exact.
@@ -133,12 +145,12 @@ class Patch:
     x (N, d), cells (E, A), el: a free fluid on it, all coefficients at the given values
     """
 
-    def __init__(self, element, mu, rho=1.2):
+    def __init__(self, name, mu, rho=1.2):
+        """Take the name of an element, or "mixed 2" or "mixed 3" for linear cells of all shapes."""
         rng = np.random.default_rng(12)
-        self.element = element
+        mesh, self.element = _linear(name)
+        element = self.element
         d = element.dim
-        axis = SimpleNamespace(points=[0.0, 1.0], cells=[3 if d == 2 else 2], ratios=None)
-        mesh = grid(element.name, [axis] * d, order=1)
         if mesh.element.is_affine:
             self.x = mesh.points + 0.05 * rng.standard_normal(mesh.points.shape)
         else:  # parallelograms, on which gradients are polynomials
@@ -210,7 +222,7 @@ def test_free_form_is_the_porous_one_without_skeleton_where_boundary_integrals_v
     """∮ p w·n = ∮ q v·n = 0 for fields that vanish on the boundary; then every row agrees to
     round-off.
     """
-    patch = Patch(ELEMENTS[name], mu=0.7)
+    patch = Patch(name, mu=0.7)
     rng = np.random.default_rng(13)
     inside = np.ones(len(patch.x), dtype=bool)
     inside[patch.facets] = False
@@ -228,7 +240,7 @@ def test_free_form_is_the_porous_one_without_skeleton_where_boundary_integrals_v
     assert relative(free, porous) < 1e-13
 
 
-@pytest.mark.parametrize("name", ELEMENTS)
+@pytest.mark.parametrize("name", [*ELEMENTS, "mixed 2", "mixed 3"])
 def test_exact_shear_flow_leaves_the_exact_traction_on_the_boundary(name):
     """v = e (s m·x + κ (m·x)²), p = p_0 + 2 κ μ e·x, e and m unit vectors, e·m = 0; κ = 0 (Couette)
     on linear elements.
@@ -236,7 +248,7 @@ def test_exact_shear_flow_leaves_the_exact_traction_on_the_boundary(name):
     mu = 0.7
     slope = 1.5
     p_0 = 0.4
-    patch = Patch(ELEMENTS[name], mu)
+    patch = Patch(name, mu)
     kappa = 0.9 if patch.element.order == 2 else 0.0
     e, m = np.linalg.qr(np.random.default_rng(14).standard_normal((patch.element.dim, 2)))[0].T
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from grids import grid
 from kernel_states import ON_ELEMENTS
+from mixed import as_one, cut, unit_grid
 
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, geometry
@@ -17,25 +18,24 @@ from porofsi_petsc.mesh.topology import boundary_facets, cell_facets
 from porofsi_petsc.registry import examples
 
 ROUND_OFF = 1e-13  # of sums of a few hundred terms, over the largest of them
-WITHOUT_RINGS = [(name, law) for name, law in ON_ELEMENTS if name in ELEMENTS]
-FINITE_STRAIN = [(name, law) for name, law in WITHOUT_RINGS if not ELASTIC[law].small_strain]
+CASES = [(name, law) for name, law in ON_ELEMENTS if name in ELEMENTS]
+CASES += [("mixed 2", "neo_hookean"), ("mixed 3", "neo_hookean")]
+FINITE_STRAIN = [(name, law) for name, law in CASES if not ELASTIC[law].small_strain]
 
 
 class Block:
     """A cube of 3 elements along an edge whose inner nodes are moved, curved elements of order 2
-    included.
+    included; "mixed 2", "mixed 3": one of linear cells of all shapes.
     """
 
     def __init__(self, name):
-        self.element = element = ELEMENTS[name]
-        axis = SimpleNamespace(points=[0.0, 1.0], cells=[3], ratios=None)
-        mesh = grid(name, [axis] * element.dim)
-        self.cells = mesh.cells
-        cell, local = boundary_facets(mesh.cells, element)
-        self.inner = np.ones(len(mesh.points), dtype=bool)
-        self.inner[cell_facets(mesh.cells, element)[cell, local]] = False
-        random = np.random.default_rng(41).uniform(-1, 1, mesh.points.shape)
-        self.X = mesh.points + 0.04 * self.inner[:, None] * random
+        points, self.cells, self.element = _mesh(name)
+        element = self.element
+        cell, local = boundary_facets(self.cells, element)
+        self.inner = np.ones(len(points), dtype=bool)
+        self.inner[cell_facets(self.cells, element)[cell, local]] = False
+        random = np.random.default_rng(41).uniform(-1, 1, points.shape)
+        self.X = points + 0.04 * self.inner[:, None] * random
         # the degree at which ∫ ∂N_a/∂x_i dV is exact on curved elements, d factors dx/dxi or dN/dxi
         self.geometry = geometry(
             Rule.of(element, element.dim * max(element.gradient_degree, 1) + element.order),
@@ -51,12 +51,24 @@ class Block:
         return total, np.abs(parts).sum()
 
 
+def _mesh(name):
+    """Return points, cells and element."""
+    shape, _, dim = name.partition(" ")
+    if shape == "mixed":
+        points, cells = cut(unit_grid(int(dim), 3))
+        element = ELEMENTS[{"2": "Q4", "3": "H8"}[dim]]
+        return points, as_one(cells, element), element
+    axis = SimpleNamespace(points=[0.0, 1.0], cells=[3], ratios=None)
+    mesh = grid(name, [axis] * ELEMENTS[name].dim)
+    return mesh.points, mesh.cells, mesh.element
+
+
 @pytest.fixture(scope="module")
 def block(request):
     return Block(request.param)
 
 
-@pytest.mark.parametrize("block, law", WITHOUT_RINGS, indirect=["block"], scope="module")
+@pytest.mark.parametrize("block, law", CASES, indirect=["block"], scope="module")
 def test_a_linear_displacement_is_in_balance_at_inner_nodes(block, law):
     d = block.element.dim
     law = ELASTIC[law](lam=1.7, mu=0.8, n_s0=0.4, **examples(ELASTIC[law]))

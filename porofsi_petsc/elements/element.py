@@ -78,7 +78,7 @@ class Cell(ABC):
     @abstractmethod
     def shape_tensors(self, vertices: np.ndarray) -> np.ndarray:
         """Return A Aᵀ of the maps A from an equilateral cell to cells with vertices (E, V, dim),
-        (E, K, dim, dim): where A varies, that at the vertices.
+        (E, K, dim, dim), up to a number: where A varies, that at the vertices.
         """
 
 
@@ -146,6 +146,13 @@ class Element(ABC):
         return np.array(self.facets)[:, : self.cell.facet_vertices]
 
     @property
+    def collapsed(self) -> dict[str, list[int]]:
+        """Return meshio's names of cells that this one is when vertices fall together, and of which
+        of their nodes its own are.
+        """
+        return {}
+
+    @property
     @abstractmethod
     def is_affine(self) -> bool:
         """Return whether gradients are constant over every element, and second derivatives zero."""
@@ -194,6 +201,18 @@ class Element(ABC):
 
 
 def moments(vertices: np.ndarray) -> np.ndarray:
-    """Return the second moments of vertices (E, V, d) about their mean, (E, d, d) [m²]."""
-    arms = vertices - vertices.mean(axis=1, keepdims=True)
-    return np.swapaxes(arms, 1, 2) @ arms
+    """Return the second moments of vertices (E, V, d) about their mean, (E, d, d) [m²]; those that
+    fall together count once.
+    """
+    if vertices.shape[1] == vertices.shape[2] + 1:  # a simplex
+        arms = vertices - vertices.mean(axis=1, keepdims=True)
+        return np.swapaxes(arms, 1, 2) @ arms
+    weights = 1 / coincident(vertices).sum(axis=2)[..., None]
+    mean = (weights * vertices).sum(axis=1, keepdims=True) / weights.sum(axis=1, keepdims=True)
+    arms = vertices - mean
+    return np.swapaxes(weights * arms, 1, 2) @ arms
+
+
+def coincident(vertices: np.ndarray) -> np.ndarray:
+    """Return which pairs of vertices (E, V, d) are the same point, (E, V, V) bool."""
+    return (vertices[:, :, None] == vertices[:, None]).all(axis=3)

@@ -10,7 +10,7 @@ from itertools import permutations
 
 import numpy as np
 
-from .element import Cell, Element
+from .element import Cell, Element, coincident, moments
 from .quadrature import gauss_product
 from .simplex import L2, L3, LINE
 
@@ -30,6 +30,14 @@ EDGES = {
 }
 # In the order of the nodes in their middle, each as seen from outside.
 FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
+COLLAPSED = {
+    2: {"triangle": [0, 1, 2, 2]},
+    3: {
+        "tetra": [0, 1, 2, 2, 3, 3, 3, 3],
+        "wedge": [0, 1, 2, 2, 3, 4, 5, 5],
+        "pyramid": [0, 1, 2, 3, 4, 4, 4, 4],
+    },
+}
 
 
 class Cube(Cell):
@@ -106,12 +114,17 @@ class Cube(Cell):
         return parts / n, np.tile(weights, len(corners)) / n**self.dim
 
     def shape_tensors(self, vertices: np.ndarray) -> np.ndarray:
-        """Return J Jᵀ at the vertices, (E, V, dim, dim), J the derivative of the map of order 1."""
+        """Return J Jᵀ at the vertices, (E, V, dim, dim), J the derivative of the map of order 1; of
+        a collapsed cell the moments of its vertices.
+        """
         own = self.vertices
         legs = [own + (1 - 2 * own[:, [i]]) * np.eye(self.dim)[i] for i in range(self.dim)]
         ends = np.stack([(leg[:, None] == own).all(axis=2).argmax(axis=1) for leg in legs], axis=1)
         arms = vertices[:, ends] - vertices[:, :, None]  # their signs have no part in J Jᵀ
-        return np.swapaxes(arms, 2, 3) @ arms
+        tensors = np.swapaxes(arms, 2, 3) @ arms
+        collapsed = coincident(vertices).sum(axis=(1, 2)) > vertices.shape[1]
+        tensors[collapsed] = moments(vertices[collapsed])[:, None]
+        return tensors
 
 
 class TensorProduct(Element):
@@ -124,6 +137,13 @@ class TensorProduct(Element):
             return ()
         faces = FACES if self.dim == 3 else ()
         return (*self.cell.edges, *faces, tuple(range(self.n_vertices)))
+
+    @property
+    def collapsed(self) -> dict[str, list[int]]:
+        """Return those of a linear cell, whose shape functions are those of the linear triangle,
+        tetrahedron and prism when it has their vertices.
+        """
+        return COLLAPSED[self.dim] if self.order == 1 else {}
 
     @property
     def is_affine(self) -> bool:

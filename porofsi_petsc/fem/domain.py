@@ -170,7 +170,7 @@ class Domain:
     @cached_property
     def h(self) -> np.ndarray:
         """Return the element sizes in the reference configuration, (E,) [m]."""
-        return element_size(self.element, self.mass, self.reference)
+        return element_size(self.element, self.mass, self.reference, self.cells)
 
     def require(self, admissible: np.ndarray, failure: Failure) -> None:
         """Raise an error on all ranks unless the condition, (E, ...) bool, holds in every element

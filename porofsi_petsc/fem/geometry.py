@@ -11,6 +11,7 @@ from ..compiled import plain, specialized, stack
 from ..elements import Element
 from ..elements.element import Cell, moments
 from ..kernels.surface import facet_normal
+from ..mesh.topology import is_collapsed
 from ..tensors import invert
 
 # Distance from the axis over the largest one in an element, below which a point is on the axis.
@@ -327,14 +328,26 @@ def _flat(hessian):
     return hessian.reshape(*hessian.shape[:2], -1)
 
 
-def element_size(element: Element, rule: Rule, geometry_of_elements: Geometry) -> np.ndarray:
+def element_size(
+    element: Element, rule: Rule, geometry_of_elements: Geometry, cells: np.ndarray
+) -> np.ndarray:
     """Return h = (V/V_0)^(1/d) / order, (E,) [m], V_0 the volume of the reference cell: the leg of
     a right-angled simplex, or the edge of a cube, of the same volume, per node spacing; of a ring
     that of its section.
+
+    cells (E, A) nodes, of which a collapsed cell has some twice
     """
     section = geometry_of_elements.section
     volume = np.broadcast_to(section, (len(section), len(rule.weights))).sum(axis=1)
-    return (element.cell.count_in_cube * volume) ** (1 / element.dim) / element.order
+    count = np.full(len(cells), float(element.cell.count_in_cube))
+    collapsed = is_collapsed(cells, element)
+    if collapsed.any():
+        first = (cells[collapsed, :, None] == cells[collapsed, None]).argmax(axis=2)
+        reference = geometry(rule, element.node_coordinates[first]).section
+        count[collapsed] = 1 / np.broadcast_to(reference, (len(first), len(rule.weights))).sum(
+            axis=1
+        )
+    return (count * volume) ** (1 / element.dim) / element.order
 
 
 def element_size_tensor(vertices: np.ndarray, h: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import splu
 
 from ..elements import Element
 from ..kernels.surface import facet_normal
-from ..mesh.topology import cell_facets, group_rows
+from ..mesh.topology import cell_facets, facet_groups
 from .closest import closest_points, facet_sizes
 from .geometry import Rule, facet_measure
 
@@ -112,11 +112,10 @@ def _faces(facets, X, element):
     normals = facet_normal(element.gradient(element.cell.centroid), np.ones(1), X)[:, 0]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     edges = cell_facets(facets, element)
-    ends = element.cell.facet_vertices
-    group = group_rows(edges[:, :, :ends].reshape(-1, ends))
+    group = facet_groups(facets, element).ravel()
     owner = np.repeat(np.arange(len(facets)), edges.shape[1])
     order = np.argsort(group, kind="stable")
-    same = group[order[1:]] == group[order[:-1]]
+    same = (group[order[1:]] == group[order[:-1]]) & (group[order[1:]] >= 0)
     first = order[:-1][same]
     second = order[1:][same]
     smooth = (normals[owner[first]] * normals[owner[second]]).sum(axis=1) > SHARP
@@ -125,7 +124,7 @@ def _faces(facets, X, element):
     links = scipy.sparse.coo_matrix(
         (np.ones(len(first)), (owner[first], owner[second])), (len(facets),) * 2
     )
-    on_rim = ~np.isin(np.arange(len(owner)), np.concatenate([first, second]))
+    on_rim = ~np.isin(np.arange(len(owner)), np.concatenate([first, second])) & (group >= 0)
     return connected_components(links, directed=False)[1], np.unique(
         edges.reshape(len(owner), -1)[on_rim]
     )

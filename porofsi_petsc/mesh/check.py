@@ -9,7 +9,7 @@ import numpy as np
 from ..elements import ELEMENTS, Element
 from ..errors import InputError, listed
 from .mesh import Mesh
-from .topology import facet_multiplicity, locate_facets
+from .topology import facet_multiplicity, is_collapsed, locate_facets, shares
 
 # det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under
 # any graded mesh, over round-off
@@ -90,20 +90,23 @@ def volume_element(blocks: Sequence[tuple[str, int]], dim: int, where: Where) ->
     supported = {
         element.meshio_name: element for element in ELEMENTS.values() if element.dim == dim
     }
-    unsupported = [kind for kind in kinds if kind not in supported]
+    collapsed = [kind for element in supported.values() for kind in element.collapsed]
+    known = list(dict.fromkeys([*supported, *collapsed]))
+    unsupported = [kind for kind in kinds if kind not in known]
     if unsupported:
-        *others, last = supported
+        *others, last = known
         choices = f"{', '.join(others)} or {last}"
         raise InputError(
             f"{where}: unsupported cells of kind {', '.join(unsupported)}; mesh the domain with"
             f" {choices}"
         )
-    if len(kinds) > 1:
+    holds_all = [e for e in supported.values() if {*kinds} <= {e.meshio_name, *e.collapsed}]
+    if not holds_all:
         raise InputError(
             f"{where}: mixed cells of kinds {', '.join(kinds)}; mesh the whole domain with one of"
-            " them"
+            " them, or with linear ones"
         )
-    return supported[kinds[0]]
+    return supported[kinds[0]] if kinds[0] in supported and len(kinds) == 1 else holds_all[0]
 
 
 def plane_points(points: np.ndarray, dim: int, where: Where) -> np.ndarray:
@@ -162,7 +165,10 @@ def require_positive_jacobian(
     for start in range(0, len(cells), JACOBIAN_CHUNK):
         X = points[cells[start : start + JACOBIAN_CHUNK]]
         det = np.linalg.det(np.einsum("eai,qaj->eqij", X, gradient, optimize=True))
-        bad = np.argwhere(det <= 0)
+        folded = det <= 0
+        collapsed = is_collapsed(cells[start : start + JACOBIAN_CHUNK], element)
+        folded[collapsed, : element.nodes] = False  # where a side is a point it is zero
+        bad = np.argwhere(folded)
         if len(bad):
             e, q = bad[0]
             at = place(element.shape(xi[q : q + 1])[0] @ X[e])
@@ -225,7 +231,7 @@ def require_manifold(
     points : (N, d) [m].  cells : (E, A).  group : number of each facet, (E, facets of a cell).
     """
     what = "facets are shared by more than two cells, the first at {}; remove the doubled cells"
-    _require_none((np.bincount(group.ravel()) > 2)[group], what, points, cells, element, where)
+    _require_none(shares(group) > 2, what, points, cells, element, where)
 
 
 def require_tagged_boundary(
@@ -244,7 +250,7 @@ def require_tagged_boundary(
         "boundary facets have no tag, the first at {}; put every boundary facet into a named"
         " physical group"
     )
-    untagged = (np.bincount(group.ravel()) == 1)[group] & ~tagged
+    untagged = (shares(group) == 1) & ~tagged
     _require_none(untagged, what, points, cells, element, where)
 
 

@@ -17,6 +17,8 @@ def node_graph(cells: np.ndarray, n_nodes: int) -> tuple[np.ndarray, np.ndarray]
         )
     )
     i, j = np.divmod(pairs, n_nodes)
+    apart = i != j  # a collapsed cell has a node twice
+    i, j, pairs = i[apart], j[apart], pairs[apart]
     keys = np.sort(np.concatenate([pairs, j * n_nodes + i]))
     rows, indices = np.divmod(keys, n_nodes)
     return np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n_nodes))]), indices

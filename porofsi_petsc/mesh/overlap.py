@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from ..elements import Element
 from ..errors import InputError
 from .check import Where, place
+from .topology import shares
 
 # Depth of a cell in another that is no overlap, in smallest heights of a cell: digits of a mesh
 # file.
@@ -34,8 +35,8 @@ def require_unfolded(
     cells : (E, A).  group : (E, facets of a cell)
     """
     sides = _orientation(cells[:, element.facet_corners])
-    balance = np.bincount(group.ravel(), weights=sides.ravel())
-    wrong = ((np.bincount(group.ravel()) == 2) & (balance != 0))[group]
+    balance = np.bincount(group.ravel() + 1, weights=sides.ravel())[group + 1]
+    wrong = (shares(group) == 2) & (balance != 0)
     if not wrong.any():
         return
     first = np.argwhere(group == group[wrong][0])
@@ -57,10 +58,12 @@ def require_disjoint(
     points : (N, d) [m].  cells : (E, A).  group : (E, facets of a cell)
     """
     simplices = cells[:, element.cell.simplices]
-    count = simplices.shape[1]
-    owner = np.repeat(np.arange(len(cells)), count)
-    outer = (np.bincount(group.ravel()) == 1)[group].any(axis=1)
-    corners = points[simplices.reshape(len(owner), -1)]
+    owner = np.repeat(np.arange(len(cells)), simplices.shape[1])
+    simplices = simplices.reshape(len(owner), -1)
+    whole = ~_have_twice(simplices)
+    owner, simplices = owner[whole], simplices[whole]
+    outer = (shares(group) == 1).any(axis=1)
+    corners = points[simplices]
     gradients = _gradients(corners)
     allowed = ROUNDED * _height(corners) + 2 * _bulge(points, cells, element)[owner]
     low, high = _boxes(corners)
@@ -86,11 +89,19 @@ def _orientation(facets):
     if facets.shape[2] == 2:
         return np.sign(facets[:, :, 1] - facets[:, :, 0])
     first = facets.argmin(axis=2)[..., None]
-    after, before = (
-        np.take_along_axis(facets, (first + step) % facets.shape[2], axis=2)[..., 0]
-        for step in (1, -1)
-    )
+    least = np.take_along_axis(facets, first, axis=2)
+    after, before = (_next(facets, first, least, step) for step in (1, -1))
     return np.sign(before - after)
+
+
+def _next(facets, first, least, step):
+    """Return the vertex, (E, f), that follows on the least one, or on its double in a collapsed
+    facet.
+    """
+    near, far = (
+        np.take_along_axis(facets, (first + k * step) % facets.shape[2], axis=2) for k in (1, 2)
+    )
+    return np.where(near == least, far, near)[..., 0]
 
 
 def _centre(points, cells, element, e):
@@ -213,8 +224,14 @@ def _bulge(points, cells, element):
     for corners in element.facet_corners:
         if len(corners) == 4:
             twist = (X[:, corners] * np.array([1, -1, 1, -1])[:, None]).mean(axis=1)
+            twist[_have_twice(cells[:, corners])] = 0
             np.maximum(bulge, np.linalg.norm(twist, axis=1), out=bulge)
     return bulge
+
+
+def _have_twice(rows):
+    """Return which rows of nodes (R, k) have one twice, (R,) bool."""
+    return (np.diff(np.sort(rows, axis=1), axis=1) == 0).any(axis=1)
 
 
 def _too_deep(n_nodes, cells, owner, corners, depth, first, second):

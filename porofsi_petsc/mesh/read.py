@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +39,9 @@ def read_mesh(path: str | os.PathLike[str], dim: int) -> Mesh:
     element = check.volume_element([(block.type, block.dim) for block in blocks], dim, path)
     points = check.plane_points(source.points, dim, path)
     names, tags = _tags(source, path)
-    cells, cell_tag = _gather(source.cells, tags, (element.meshio_name,))
-    tagged_facets = _gather(source.cells, tags, _facet_kinds(element))
+    cells, cell_tag = _gather(_of_element(source.cells, element), tags, (element.meshio_name,))
+    facet_blocks = _of_element(source.cells, element.facet)
+    tagged_facets = _gather(facet_blocks, tags, _facet_kinds(element))
     check.require_known_nodes(points, cells, path)
     check.require_known_nodes(points, tagged_facets[0], path, "facet")
     check.require_no_orphans(points, cells, path)
@@ -52,6 +54,25 @@ def read_mesh(path: str | os.PathLike[str], dim: int) -> Mesh:
         require(points, cells, element, group, path)
     facets = _facets(points, cells, element, group, tagged_facets, names, path)
     return Mesh(points, cells, element, tuple(names[i] for i in used), cell_region, facets)
+
+
+class _Block(NamedTuple):
+    """What is asked of one of meshio's blocks of cells."""
+
+    type: str
+    data: np.ndarray
+
+
+def _of_element(blocks, element):
+    """Return meshio's blocks of cells, those of kinds that the element has in collapsed form in
+    that form.
+    """
+    return [
+        _Block(element.meshio_name, block.data[:, element.collapsed[block.type]])
+        if block.type in element.collapsed
+        else block
+        for block in blocks
+    ]
 
 
 def _facet_kinds(element):

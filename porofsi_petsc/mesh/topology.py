@@ -1,4 +1,9 @@
-"""Edges and facets of cells: nodes between vertices, the boundary, and the cell behind a facet."""
+"""Edges and facets of cells: nodes between vertices, the boundary, and the cell behind a facet.
+
+A collapsed cell has a vertex twice or more: a triangle is a quadrilateral of which one side is a
+point, `Element.collapsed`.  What is left of such a facet, no line in the plane and no surface in
+space, is none.
+"""
 
 from itertools import groupby
 
@@ -10,9 +15,14 @@ from ..elements import Element
 def group_rows(rows: np.ndarray) -> np.ndarray:
     """Return the group number of every row, (R,), rows with the same set of integers sharing one.
 
-    rows : (R, k).  The groups are numbered in lexicographic order of their sorted rows.
+    rows : (R, k).  The groups are numbered in lexicographic order of their sorted rows, what is in
+    a row twice being there once.
     """
     keys = np.sort(rows, axis=1)
+    twice = keys[:, 1:] == keys[:, :-1]
+    if twice.any():
+        keys[:, 1:][twice] = -1
+        keys.sort(axis=1)
     order = np.lexsort(keys.T[::-1])
     keys = keys[order]
     new = np.any(keys[1:] != keys[:-1], axis=1)
@@ -47,18 +57,45 @@ def cell_facets(cells: np.ndarray, element: Element) -> np.ndarray:
     return cells[:, np.array(element.facets)]
 
 
+def is_collapsed(cells: np.ndarray, element: Element) -> np.ndarray:
+    """Return which cells (E, A) have a vertex twice, (E,) bool."""
+    vertices = np.sort(cells[:, : element.n_vertices], axis=1)
+    return (vertices[:, 1:] == vertices[:, :-1]).any(axis=1)
+
+
+def times_in_cell(cells: np.ndarray) -> np.ndarray:
+    """Return how often a cell has each of its nodes, (E, A), of cells (E, A)."""
+    times = np.zeros(cells.shape, dtype=np.int64)
+    for column in cells.T:
+        times += cells == column[:, None]
+    return times
+
+
 def facet_groups(cells: np.ndarray, element: Element) -> np.ndarray:
     """Return the number of every facet of every cell (E, A), (E, number of facets), shared ones
-    with one number.
+    with one number, -1 for what is none of a collapsed cell.
     """
     vertices = cells[:, element.facet_corners]
-    return group_rows(vertices.reshape(-1, vertices.shape[2])).reshape(vertices.shape[:2])
+    rows = vertices.reshape(-1, vertices.shape[2])
+    return np.where(_are_facets(rows, element), group_rows(rows), -1).reshape(vertices.shape[:2])
+
+
+def _are_facets(rows, element):
+    """Return which rows of vertices (R, V) have as many different ones as a facet needs, (R,)."""
+    ordered = np.sort(rows, axis=1)
+    return (ordered[:, 1:] != ordered[:, :-1]).sum(axis=1) + 1 >= element.dim
+
+
+def shares(group: np.ndarray) -> np.ndarray:
+    """Return how often each number of `facet_groups` is there, (E, number of facets), 0 for -1."""
+    return np.where(group < 0, 0, np.bincount(group.ravel() + 1)[group + 1])
 
 
 def facet_multiplicity(cells: np.ndarray, element: Element) -> np.ndarray:
-    """Return by how many cells each facet of cells (E, A) is shared, (E, number of facets)."""
-    group = facet_groups(cells, element)
-    return np.bincount(group.ravel())[group]
+    """Return by how many cells each facet of cells (E, A) is shared, (E, number of facets), 0 for
+    what is none of a collapsed cell.
+    """
+    return shares(facet_groups(cells, element))
 
 
 def boundary_facets(cells: np.ndarray, element: Element) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +122,7 @@ def locate_facets(
     group = group_rows(np.vstack([vertices[cell, local], queries]))
     group_first = np.unique(group, return_index=True)[1]
     first = group_first[group[len(cell) :]]
-    found = first < len(cell)
+    found = (first < len(cell)) & _are_facets(queries, element)
     answer = np.full((2, len(queries)), -1, dtype=np.int64)
     answer[:, found] = cell[first[found]], local[first[found]]
     return answer[0], answer[1]

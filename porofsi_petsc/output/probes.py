@@ -13,6 +13,7 @@ from ..fem.distribute import LocalMesh
 # of the reference coordinates: a point on a face belongs to the mesh in spite of rounding
 TOLERANCE = 1e-8
 NEWTON_STEPS = 20
+ROUND_OFF = 1e-15  # of coordinates
 NOWHERE = np.iinfo(np.int64).max
 
 
@@ -100,13 +101,16 @@ def _reference_coordinates(element, X, point):
     outside too.
     """
     xi = np.tile(element.cell.centroid, (len(X), 1))
+    digits_of = ROUND_OFF * np.abs(X).max(axis=(1, 2))
     with np.errstate(all="ignore"):
         for _ in range(1 if element.is_affine else NEWTON_STEPS):
             residual = point - np.einsum("ea,eai->ei", element.shape(xi), X)
             J = np.einsum("eai,eaj->eij", X, element.gradient(xi))
-            xi = xi + _solve(J, residual)
-            if np.abs(residual).max(initial=0.0) == 0.0:
+            found = np.abs(residual).max(axis=1) <= digits_of
+            if found.all():
                 break
+            # where a side of a collapsed cell is a point, J is singular there
+            xi = np.where(found[:, None], xi, xi + _solve(J, residual))
     return xi
 
 

@@ -49,7 +49,8 @@ class Surface:
     def lines(self) -> np.ndarray:
         """Return the sides of the polygons, each once, (L, 2)."""
         sides = np.stack([self.polygons, np.roll(self.polygons, -1, axis=1)], axis=2)
-        return np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0)
+        ends = np.unique(np.sort(sides.reshape(-1, 2), axis=1), axis=0)
+        return ends[ends[:, 0] != ends[:, 1]]
 
     @cached_property
     def nodes(self) -> np.ndarray:
@@ -130,7 +131,9 @@ def _boundary(cells, element):
 
 def _triangles(polygons):
     fan = [(0, i, i + 1) for i in range(1, polygons.shape[1] - 1)]
-    return polygons[:, np.array(fan)].reshape(-1, 3)
+    triangles = polygons[:, np.array(fan)].reshape(-1, 3)
+    a, b, c = triangles.T
+    return triangles[(a != b) & (b != c) & (c != a)]  # a side of a collapsed cell is a point
 
 
 def _split(cells, element):

@@ -22,6 +22,7 @@ from ..kernels.solid import displacement_gradient
 from ..kernels.stabilization import convective_scale
 from ..materials.porous import PorousMaterial
 from ..materials.strain import deformation, green_strain
+from ..mesh.topology import is_collapsed, times_in_cell
 from ..phases.coupling_data import MeshState
 from ..phases.residual import Residual
 from ..tensors import det_minus_one, transpose
@@ -34,6 +35,8 @@ from .reference import Comparison
 if TYPE_CHECKING:
     from .loop import Clock
 
+# Where stresses of a collapsed cell are taken: this far from its nodes on the way to the centroid.
+COLLAPSED = 1e-6
 STRESS_DOUBLES = 60  # of work at a point of the stress: gradients, tensors of three dimensions
 
 
@@ -45,14 +48,14 @@ class NodalAverage:
     def __init__(self, domain: Domain) -> None:
         """Prepare the weights."""
         self._domain = domain
-        self._volume = domain.reference.dV.sum(axis=1)
+        self._weight = domain.reference.dV.sum(axis=1)[:, None] / times_in_cell(domain.cells)
         self._total = domain.scatter_add(self._spread(np.ones((domain.n_cells, 1))))
 
     def _spread(self, values):
         A = self._domain.cells.shape[1]
         if values.ndim == 2:
             values = np.repeat(values[:, None], A, axis=1)
-        return values * self._volume[:, None, None]
+        return values * self._weight[..., None]
 
     def __call__(self, cell_values: np.ndarray) -> np.ndarray:
         """Return the nodal values (n_owned, k) of values (E, k) of the elements or (E, A, k) at
@@ -181,7 +184,13 @@ class Measures:
         element = self._solid.element
         nodes = element.node_coordinates
         rule = Rule.at(element, nodes, np.ones(len(nodes)))
-        return geometry(rule, self._solid.gather(self._mesh.X, chunk))
+        at_nodes = geometry(rule, self._solid.gather(self._mesh.X, chunk))
+        collapsed = is_collapsed(self._solid.cells[chunk], element)
+        if collapsed.any():  # where a side is a point there is no gradient: that a little inside
+            near = nodes + COLLAPSED * (element.cell.centroid - nodes)
+            X = self._solid.gather(self._mesh.X, chunk)[collapsed]
+            at_nodes.G[collapsed] = geometry(Rule.at(element, near, np.ones(len(near))), X).G
+        return at_nodes
 
     # -- oscillation -------------------------------------------------------------------------------
 

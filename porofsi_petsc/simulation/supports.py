@@ -113,12 +113,14 @@ def _wet(scene, mesh, of_solid, part):
 
 
 def _joined(groups):
-    """Return the number of the component, (E,), of rows (E, k) that share an entry."""
-    rows, width = groups.shape
-    cell = np.repeat(np.arange(rows), width)
+    """Return the number of the component, (E,), of rows (E, k) that share an entry that is not
+    negative.
+    """
+    rows = len(groups)
+    cell, column = np.nonzero(groups >= 0)
     size = rows + groups.max() + 1
     graph = csr_matrix(
-        (np.ones(cell.size, dtype=bool), (cell, rows + groups.ravel())), shape=(size, size)
+        (np.ones(cell.size, dtype=bool), (cell, rows + groups[cell, column])), shape=(size, size)
     )
     return connected_components(graph, directed=False)[1][:rows]
 
