@@ -180,3 +180,23 @@ def test_a_closed_vessel_keeps_its_volume():
     assert np.isfinite(found.coupling.fluid.p).all()
     with pytest.raises(IncompatibleData, match="m³/s"):
         solved(vessel(1.0), "mesh.order=2")
+
+
+def test_an_outlet_feels_the_flow_of_the_whole_pipe():
+    """A plug flow through a resistance: Q = π R² v, p = R_d Q everywhere."""
+    boundary = [
+        {"on": "right", "velocity": {"x": 0.0}},
+        {"on": "bottom", "velocity": {"x": 0.0, "y": 2.0}},
+        {"on": "top", "windkessel": {"distal": 3.0}},
+    ]
+    ideal = [{"region": "all", "fluid": {"density": RHO}}]
+    found = solved(
+        boundary,
+        material=ideal,
+        model={"viscosity": False},
+        time={"end": 0.2, "step": 0.1},
+        initial={"fluid_velocity": {"y": 2.0}},
+    )
+    flow = 2 * np.pi
+    assert found.history["top.flow_rate"][-1] == pytest.approx(flow, rel=1e-10)
+    assert np.abs(found.coupling.fluid.p - 3 * flow).max() < 1e-8 * flow

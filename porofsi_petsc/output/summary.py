@@ -101,7 +101,8 @@ SUMMARY_KEYS = {
         " one, 0 for a flat one [-]"
     ),
     "energy.external_work": (
-        "work of the loads since the start [J, in 2-D per metre of thickness, like all energies]"
+        "work of the loads since the start [J, in 2-D per metre of thickness, around an axis of the"
+        " whole body, like all energies]"
     ),
     "energy.kinetic": "kinetic energy of both phases at the end [J]",
     "energy.elastic": "elastic energy of the skeleton at the end [J]",

@@ -20,7 +20,9 @@ from ..phases.residual import Residual
 
 @dataclass
 class Energy:
-    """Sums since the start and present energies [J, in 2-D per metre of thickness]."""
+    """Sums since the start and present energies [J, in 2-D per metre of thickness, around an axis
+    of the whole body].
+    """
 
     external_work: float = 0.0
     kinetic: float = 0.0

@@ -22,9 +22,10 @@ class Fields(Mapping):
     """Name of a field (`UNITS`) -> its values on the nodes of this rank, (n_owned, k); getting one
     is collective.
 
-    k is 1 for a scalar, the dimension for a vector and 6 (xx, xy, xz, yy, yz, zz) for the effective
-    stress of the solid; beside a solid without pores displacement and solid velocity are those of
-    the mesh in the fluid.  What a scene has no phase for is no field of it.
+    k is 1 for a scalar, the dimension for a vector and 6 (xx, xy, xz, yy, yz, zz; around an axis
+    rr, rz, 0, zz, 0, θθ) for the effective stress of the solid; beside a solid without pores
+    displacement and solid velocity are those of the mesh in the fluid.  What a scene has no phase
+    for is no field of it.
     """
 
     def __init__(self, scene: Scene, coupling: AnyMedium, measures: Measures) -> None:

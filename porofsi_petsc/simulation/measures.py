@@ -152,7 +152,7 @@ class Measures:
 
     def stress(self, u: np.ndarray) -> np.ndarray:
         """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy,
-        yz, zz (2-D: plane strain, zz is across the plane; around an axis that is the hoop stress).
+        yz, zz (2-D: plane strain, zz across the plane), around an axis rr, rz, 0, zz, 0, θθ.
 
         That of the displacement gradient which each element has at the node, averaged over the
         elements there: of the order of the gradient, at a boundary too.
