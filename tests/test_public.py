@@ -3,6 +3,7 @@ name may change without a test that changes with it.
 """
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,12 @@ import pytest
 TESTS = Path(__file__).resolve().parent
 FILES = sorted(TESTS.rglob("*.py"))
 OWN = {"self", "cls"}  # a class of the tests has private members of its own
+PATCHING = {"setattr", "delattr", "getattr", "object"}  # take a name as text
 NAMEDTUPLE = {"_asdict", "_fields", "_make", "_replace"}  # public, of the standard library
 
 
 def is_private(name):
-    return name.startswith("_") and not name.startswith("__") and name.isidentifier()
+    return isinstance(name, str) and re.fullmatch(r"_[^\W_]\w*", name) is not None
 
 
 def private_names(tree):
@@ -26,8 +28,12 @@ def private_names(tree):
             yield node.attr
         elif isinstance(node, ast.ImportFrom):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value != "_":
-            yield node.value
+        elif isinstance(node, ast.Call) and _name(node.func) in PATCHING:
+            yield from (word.value for word in node.args if isinstance(word, ast.Constant))
+
+
+def _name(function):
+    return getattr(function, "attr", getattr(function, "id", None))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(TESTS)))

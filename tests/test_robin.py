@@ -9,12 +9,19 @@ import numpy as np
 import pytest
 
 from porofsi_petsc.config import Scene
-from porofsi_petsc.coupling.robin import Conditions, Interface, fluid_impedance, solid_impedance
+from porofsi_petsc.coupling.robin import (
+    InterfaceConditions,
+    InterfaceMeans,
+    fluid_impedance,
+    solid_impedance,
+)
 from porofsi_petsc.phases.coupling_data import Rates
 from porofsi_petsc.studies.trial import attempt
 
 RATES = Rates(c_f=200.0, c_v=200.0, c_a=4e4)
-LAYER = Interface(modulus=1e6, rho_s=1200.0, rho_f=1000.0, thickness=1e-3, extent=0.1, facet=1e-3)
+LAYER = InterfaceMeans(
+    modulus=1e6, rho_s=1200.0, rho_f=1000.0, thickness=1e-3, extent=0.1, facet=1e-3
+)
 HELD = {"x": 0.0, "y": 0.0}
 
 
@@ -31,16 +38,19 @@ def test_a_thin_layer_is_its_mass_and_a_thick_one_a_wave():
 
 
 def test_the_first_relaxation_balances_the_waves_with_and_without_added_mass():
-    factor = Conditions("dirichlet_neumann", LAYER, "auto", None).first_factor
+    factor = InterfaceConditions("dirichlet_neumann", LAYER, "auto", None).first_factor
     ratio = LAYER.mass_ratio
     assert ratio * LAYER.rho_s * LAYER.thickness * RATES.c_f == pytest.approx(
         fluid_impedance(1000.0, 0.1 / np.pi, RATES)
     )
     assert abs(1 - factor * (1 + ratio)) == pytest.approx(1 - factor, rel=1e-12)
     assert (
-        Conditions("dirichlet_neumann", replace(LAYER, rho_f=0.0), "auto", None).first_factor == 1
+        InterfaceConditions(
+            "dirichlet_neumann", replace(LAYER, rho_f=0.0), "auto", None
+        ).first_factor
+        == 1
     )
-    assert Conditions("robin_neumann", LAYER, "auto", None).first_factor is None
+    assert InterfaceConditions("robin_neumann", LAYER, "auto", None).first_factor is None
 
 
 def channel(pair, **changes):

@@ -19,7 +19,7 @@ from .medium import Medium
 from .monolithic import MonolithicCoupling
 from .partitioned import PartitionedMedium
 from .protocols import Arrays, InterfaceFluid, InterfaceSolid, Memory, Motion
-from .robin import Conditions
+from .robin import InterfaceConditions
 
 # Guard of Aitken's factor: under a large added mass the error factors of Dirichlet and Neumann lie
 # anywhere below 0.
@@ -196,8 +196,8 @@ class _Sweep(InterfaceSweep):
     solid: InterfaceSolid
     fluid: InterfaceFluid
 
-    def __init__(self, *medium: Any, conditions: Conditions) -> None:
-        """Take what `PartitionedMedium` takes and the `coupling.robin.Conditions`."""
+    def __init__(self, *medium: Any, conditions: InterfaceConditions) -> None:
+        """Take what `PartitionedMedium` takes and the `coupling.robin.InterfaceConditions`."""
         super().__init__(*medium)
         self._conditions, self._rows = conditions, self.solid.domain.nodes
         self._both = bool(self.solid.domain.n_nodes and self.fluid.domain.n_nodes)

@@ -46,7 +46,7 @@ def fluid_impedance(rho: float, length: float, rates: Rates) -> float:
 
 
 @dataclass(frozen=True)
-class Interface:
+class InterfaceMeans:
     """Means of what meets at an interface: E [Pa], ρ_s, ρ_f [kg/m³], solid volume over area [m],
     extent and facet size [m].
     """
@@ -66,7 +66,7 @@ class Interface:
         return self.rho_f * self.extent / pi / (self.rho_s * self.thickness)
 
 
-class Conditions:
+class InterfaceConditions:
     """A pair of conditions: its coefficients α_f and α_s [Pa s/m] in a step, and what it adds to
     the solid's side of a sweep.
     """
@@ -74,11 +74,11 @@ class Conditions:
     def __init__(
         self,
         name: str,
-        interface: Interface | None,
+        interface: InterfaceMeans | None,
         coefficient: float | Literal["auto"],
         masses: tuple[InterfaceMass, InterfaceMass],
     ) -> None:
-        """Take the name of the pair, the `Interface`, α_f or "auto", and the
+        """Take the name of the pair, the `InterfaceMeans`, α_f or "auto", and the
         `fem.boundary.InterfaceMass` of fluid and solid.
         """
         self.name = name

@@ -8,7 +8,7 @@ from ..config import Scene
 from ..config.expressions import Expression
 from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMedium, InterfaceMonolithic
-from ..coupling.robin import Conditions, Interface
+from ..coupling.robin import InterfaceConditions, InterfaceMeans
 from ..errors import InputError
 from ..fem.boundary import InterfaceMass, InterfacePressure, has_facets, tags_of
 from ..fem.closed import closed_nodes
@@ -223,20 +223,20 @@ class InterfaceBuilder(Builder):
             **self.common(domain, self._fluids, "fluid", "plain"),
         )
 
-    def conditions(self) -> Conditions:
-        """Return the `coupling.robin.Conditions` of the interface."""
+    def conditions(self) -> InterfaceConditions:
+        """Return the `coupling.robin.InterfaceConditions` of the interface."""
         choice = self.scene.coupling
         mesh = self.mesh
         mass = self._masses[0]
         power = 1 / (self.mesh.dim - 1)
         if not mass.area:
-            return Conditions(self._pair, None, choice.robin, self._masses)
+            return InterfaceConditions(self._pair, None, choice.robin, self._masses)
         volume, modulus, rho_s = self._means(
             self._solid_domain, lambda m: (m.elastic.oedometer_modulus, m.rho_s)
         )
         _, rho_f = self._means(self._fluid_domain, lambda m: (m.rho_fR,))
         facets = mesh.comm.allreduce(int(self._fluid_domain.owned[mass.rows].sum()))
-        interface = Interface(
+        interface = InterfaceMeans(
             modulus,
             rho_s,
             rho_f,
@@ -244,7 +244,7 @@ class InterfaceBuilder(Builder):
             mass.extent**power,
             (mass.extent / facets) ** power,
         )
-        return Conditions(self._pair, interface, choice.robin, self._masses)
+        return InterfaceConditions(self._pair, interface, choice.robin, self._masses)
 
     def _means(self, domain, properties):
         """Return the volume of a domain and the means over it of what properties(material) gives
