@@ -47,10 +47,7 @@ from ..compiled import plain
 from . import flow_loops
 from .arguments import Geometry
 from .assemble import laplacian, mass_matrix
-from .flow_loops import FlowFields
-
-MOMENTUM_TERMS = ("inertia", "pressure", "drag", "body", "viscous", "stabilization")
-VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
+from .flow_loops import MOMENTUM_TERMS, FlowFields, term_columns
 
 
 @dataclass(frozen=True)
@@ -129,11 +126,6 @@ def flow_residual(
         terms = np.empty((E, A, term_columns(d)))
     flow_loops.residual_loop(*sizes)(elements, fields, terms)
     return split_terms(terms, d)
-
-
-def term_columns(d: int) -> int:
-    """Return the number of columns of all terms in d dimensions."""
-    return len(MOMENTUM_TERMS) * d + len(VOLUME_TERMS)
 
 
 def split_terms(terms: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:

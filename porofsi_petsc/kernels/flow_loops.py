@@ -18,6 +18,19 @@ import numpy as np
 from ..compiled import expanded, inlined, specialized, stack
 from .contraction import add_point
 
+# Terms of the balances: those of the momentum have d columns each, those of the volume balance,
+# behind them, one.
+MOMENTUM_TERMS = ("inertia", "pressure", "drag", "body", "viscous", "stabilization")
+VOLUME_TERMS = ("skeleton", "seepage", "pspg", "undrained")
+INERTIA, PRESSURE, DRAG, BODY, VISCOUS, STABILIZATION = range(len(MOMENTUM_TERMS))
+VOLUME = len(MOMENTUM_TERMS)  # times d: the first column of the volume balance
+SKELETON, SEEPAGE, PSPG, UNDRAINED = range(len(VOLUME_TERMS))
+
+
+def term_columns(d: int) -> int:
+    """Return the number of columns of all terms in d dimensions."""
+    return VOLUME * d + len(VOLUME_TERMS)
+
 
 class Elements(NamedTuple):
     """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says
@@ -304,13 +317,13 @@ def points_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callabl
 
 @specialized
 def residual_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callable[..., None]:
-    """Return the loop that writes terms (E, A, 6 d + 4), those of the momentum and of the volume
-    balance one after the other.
+    """Return the loop that writes terms (E, A, `term_columns`), those of the momentum and of the
+    volume balance one after the other.
     """
 
     directions = d + ring
     rows = 1 + directions
-    columns = 6 * d + 4
+    columns = term_columns(d)
 
     def loop(el, f, terms):
         x = new_point(A, d, directions)
@@ -345,21 +358,21 @@ def _set_balances(A, d, ring, el, f, e, q, x, D):
         p += el.N[q, a] * f.p[e, a]
     for i in range(d):
         div += x.grad_v[i, i] if el.free else x.grad_vs[i, i]
-        D[0, i] = dV * x.acceleration[i]
+        D[0, INERTIA * d + i] = dV * x.acceleration[i]
         if el.free:
-            D[1 + i, d + i] = -dV * p
+            D[1 + i, PRESSURE * d + i] = -dV * p
         else:
-            D[0, d + i] = dV * n * x.grad_p[i]
-            D[1 + i, 6 * d + 1] = -dV * n * x.w[i]
+            D[0, PRESSURE * d + i] = dV * n * x.grad_p[i]
+            D[1 + i, VOLUME * d + SEEPAGE] = -dV * n * x.w[i]
         if el.drag:
-            D[0, 2 * d + i] = dV * el.S[e, q] * x.w[i]
-        D[0, 3 * d + i] = -dV * el.rho[e, q] * f.b[e, q, i]
-        D[1 + i, 6 * d + 2] = dV * el.tau[e, q] * n * x.residual[i]
+            D[0, DRAG * d + i] = dV * el.S[e, q] * x.w[i]
+        D[0, BODY * d + i] = -dV * el.rho[e, q] * f.b[e, q, i]
+        D[1 + i, VOLUME * d + PSPG] = dV * el.tau[e, q] * n * x.residual[i]
     if ring:
         div += x.grad_v[d, d] if el.free else x.grad_vs[d, d]
         if el.free:
-            D[1 + d, d] = -dV * p
-    D[0, 6 * d] = dV * div
+            D[1 + d, PRESSURE * d] = -dV * p
+    D[0, VOLUME * d + SKELETON] = dV * div
 
 
 @inlined
@@ -368,9 +381,9 @@ def _set_viscous_stress(d, ring, el, e, q, x, D):
     weight = el.n[e, q] * el.mu * el.dV[e, q]
     for i in range(d):
         for j in range(d):
-            D[1 + j, 4 * d + i] = weight * (x.grad_v[i, j] + x.grad_v[j, i])
+            D[1 + j, VISCOUS * d + i] = weight * (x.grad_v[i, j] + x.grad_v[j, i])
     if ring:
-        D[1 + d, 4 * d] = 2 * weight * x.grad_v[d, d]
+        D[1 + d, VISCOUS * d] = 2 * weight * x.grad_v[d, d]
 
 
 @inlined
@@ -391,10 +404,10 @@ def _set_stabilization(d, ring, el, e, q, x, D):
     supg = el.dV[e, q] * el.tau_supg[e, q] * el.rho[e, q]
     for i in range(d):
         for j in range(d):
-            D[1 + j, 5 * d + i] = supg * x.residual[i] * x.c[j]
-        D[1 + i, 5 * d + i] += lsic
+            D[1 + j, STABILIZATION * d + i] = supg * x.residual[i] * x.c[j]
+        D[1 + i, STABILIZATION * d + i] += lsic
     if ring:
-        D[1 + d, 5 * d] = lsic
+        D[1 + d, STABILIZATION * d] = lsic
 
 
 @inlined
@@ -433,7 +446,7 @@ def _add_undrained(A, d, affine, el, f, e, q, x, terms):
                     * f.dp[e, a]
                 )
         for a in range(A):
-            terms[e, a, 6 * d + 3] += (
+            terms[e, a, VOLUME * d + UNDRAINED] += (
                 el.dV[e, q] * (el.G[e, 0 if affine else q, a, i] - x.mean[a, i]) * flux
             )
 

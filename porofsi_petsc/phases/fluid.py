@@ -11,6 +11,7 @@ from mpi4py import MPI
 from ..clock import Scheme, at_end
 from ..conditions import Slope, State
 from ..kernels import flow as kernel
+from ..kernels.flow_loops import MOMENTUM_TERMS, VOLUME_TERMS
 from ..linalg.low_rank import Coupled, padded
 from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
@@ -186,8 +187,8 @@ class FluidPhase:
             kernel.flow_residual(elements, fields.on(chunk), terms)
             domain.add(nodal, chunk, terms)
         momentum, volume = kernel.split_terms(np.asfortranarray(nodal), domain.dim)
-        momentum_terms = dict(zip(kernel.MOMENTUM_TERMS, momentum, strict=True))
-        volume_terms = dict(zip(kernel.VOLUME_TERMS, volume[..., None], strict=True))
+        momentum_terms = dict(zip(MOMENTUM_TERMS, momentum, strict=True))
+        volume_terms = dict(zip(VOLUME_TERMS, volume[..., None], strict=True))
         self._surface_state = self._state_of(mesh_state, fields)
         momentum_terms["traction"] = self.surfaces.residual(self._surface_state)
         self._add_volume_terms(volume_terms)

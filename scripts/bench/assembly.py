@@ -34,7 +34,7 @@ from mpi4py import MPI  # noqa: E402
 
 from porofsi_petsc.fem.distribute import distribute  # noqa: E402
 from porofsi_petsc.fem.domain import Domain  # noqa: E402
-from porofsi_petsc.kernels import flow, solid  # noqa: E402
+from porofsi_petsc.kernels import flow, flow_loops, solid  # noqa: E402
 from porofsi_petsc.linalg.matrix import ElementMatrix  # noqa: E402
 from porofsi_petsc.materials import ELASTIC  # noqa: E402
 from porofsi_petsc.mesh import box, rectangle  # noqa: E402
@@ -208,7 +208,8 @@ class Flow(Problem):
         and volume balance.
         """
         d = self.domain.dim
-        momentum, volume = (len(names) for names in (flow.MOMENTUM_TERMS, flow.VOLUME_TERMS))
+        terms = flow_loops.MOMENTUM_TERMS, flow_loops.VOLUME_TERMS
+        momentum, volume = (len(names) for names in terms)
         return np.vstack(
             [np.tile(np.eye(d + 1)[:d], (momentum, 1)), np.tile(np.eye(d + 1)[d], (volume, 1))]
         )
