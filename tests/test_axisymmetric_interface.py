@@ -50,7 +50,9 @@ STEADY = {
 
 def tube(length=LENGTH, cells=((3, 2), 2), **tables):
     """Return the tables of a tube, its section between the axis and the outer side of the wall."""
-    parts = {"": [0.0, INNER], "_wall": [INNER, OUTER]}
+    lumen, wall = [0.0, INNER], [INNER, OUTER]
+    ends = [("low", lumen), ("high", lumen), ("low_wall", wall), ("high_wall", wall)]
+    sides = {"low": "bottom", "high": "top"}
     mesh = {
         "kind": "rectangle",
         "axisymmetric": True,
@@ -58,13 +60,11 @@ def tube(length=LENGTH, cells=((3, 2), 2), **tables):
         "diagonal": "alternating",
         "x": {"points": [0.0, INNER, OUTER], "cells": list(cells[0])},
         "y": {"points": [0.0, length], "cells": [cells[1]]},
-        "regions": [{"name": "wall", "x": [INNER, OUTER]}, {"name": "fluid", "x": [0.0, INNER]}],
+        "regions": [{"name": "wall", "x": wall}, {"name": "fluid", "x": lumen}],
         "patches": [
-            {"name": f"{name}{part}", "side": side, "x": x}
-            for name, side in (("low", "bottom"), ("high", "top"))
-            for part, x in parts.items()
-        ]
-        + [{"name": "outside", "side": "right", "y": [0.0, length]}],
+            *({"name": name, "side": sides[name.split("_")[0]], "x": x} for name, x in ends),
+            {"name": "outside", "side": "right", "y": [0.0, length]},
+        ],
     }
     base = {"title": "A tube", "mesh": mesh, "material": MATERIAL, "limits": {"strain": "report"}}
     return base | tables

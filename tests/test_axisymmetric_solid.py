@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mixed import cut, one_mesh, unit_grid
 from mpi4py import MPI
 
 from porofsi_petsc import load_scene
@@ -14,7 +15,7 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.mesh import rectangle
-from porofsi_petsc.mesh.axis import around_axis
+from porofsi_petsc.mesh.axis import around_axis, tags_on_axis
 from porofsi_petsc.simulation.simulation import Simulation
 
 E, NU, PRESSURE, INNER, OUTER = 1e3, 0.3, 10.0, 1.0, 2.0  # [Pa], [-], [Pa], [m], [m]
@@ -83,6 +84,19 @@ def test_thick_cylinder_under_pressure(order, kind):
     assert solid.energies()[1] == pytest.approx(energy, rel=3e-3 if order == 1 else 1e-5)
 
 
+def test_a_support_takes_the_force_on_the_whole_ring():
+    """A pull of 5 Pa on π (b² - a²), and the weight of the whole body."""
+    boundary = [
+        {"on": "bottom", "displacement": {"x": 0.0, "y": 0.0}},
+        {"on": "top", "traction": {"y": 5.0}},
+        {"on": ["left", "right"]},
+    ]
+    tables = SCENE | {"boundary": boundary, "force": [{"name": "foot", "on": "bottom"}]}
+    found = solved(load_scene(tables | {"body_force": {"solid": {"y": -4.0}}}))
+    area = np.pi * (OUTER**2 - INNER**2)
+    assert found.history["foot.f_y"][-1] == pytest.approx((5.0 - 4.0 * 0.5) * area, rel=1e-9)
+
+
 def sphere(n):
     """Return an eighth of a hollow ball as a serial mesh: rings between the equator and the axis,
     curved edges.
@@ -146,6 +160,29 @@ def test_patch(order, law):
         solid = solved(made).coupling.solid
         exact = solid.mesh.X * [0.2, -0.25]
         assert np.abs(solid.u - exact).max() < 1e-10  # the tolerance, and round-off
+
+
+def test_patch_of_triangles_and_quadrilaterals():
+    """The same on a mesh of two shapes, some of whose triangles have a corner on the axis."""
+    section = around_axis(one_mesh(*cut(unit_grid(2, 4))), "test")
+    exact = {"x": "0.2*x", "y": "-0.25*y"}
+    made = scene(
+        [{"on": ["right", "bottom", "top"], "displacement": exact}],
+        "mesh.x.points=[0.0, 1.0]",
+        "material.0.solid.law=neo_hookean",
+        "coupling.tolerance=1e-12",
+    )
+    solid = solved(made, section).coupling.solid
+    assert np.abs(solid.u - solid.mesh.X * [0.2, -0.25]).max() < 1e-10
+
+
+def test_a_tag_on_the_axis_and_beside_it_is_refused():
+    mesh = around_axis(
+        rectangle(*[SimpleNamespace(points=[0.0, 1.0], cells=[2], ratios=None)] * 2), ""
+    )
+    both = np.concatenate([mesh.facets["left"], mesh.facets["top"]])
+    with pytest.raises(InputError, match="'both' on the axis and beside it"):
+        tags_on_axis(replace(mesh, facets=mesh.facets | {"both": both}), "test")
 
 
 def test_only_a_motion_along_the_axis_needs_a_support():
