@@ -1,5 +1,5 @@
-"""Tests use what is public of the package, of the scripts and of the tests' own helpers: a private
-name may change without a test that changes with it.
+"""Tests and scripts use what is public of the package and of each other: a private name may change
+without a test that changes with it.
 """
 
 import ast
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-TESTS = Path(__file__).resolve().parent
-FILES = sorted(TESTS.rglob("*.py"))
+ROOT = Path(__file__).resolve().parents[1]
+FILES = sorted([*ROOT.glob("tests/**/*.py"), *ROOT.glob("scripts/**/*.py")])
 OWN = {"self", "cls"}  # a class of the tests has private members of its own
 PATCHING = {"setattr", "delattr", "getattr", "object"}  # take a name as text
 NAMEDTUPLE = {"_asdict", "_fields", "_make", "_replace"}  # public, of the standard library
@@ -36,7 +36,7 @@ def _name(function):
     return getattr(function, "attr", getattr(function, "id", None))
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(TESTS)))
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_private_member_of_others(path):
     found = {*filter(is_private, private_names(ast.parse(path.read_text(encoding="utf-8"))))}
     assert found - NAMEDTUPLE == set()

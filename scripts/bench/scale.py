@@ -350,12 +350,10 @@ def _unknowns(coupling):
     """Return the number of displacements, of the mesh of a free fluid too, velocities and
     pressures.
     """
-    blocks = {
-        name: block.domain
-        for name, block in coupling.blocks.items()
-        if name in ("solid", "fluid", "mesh")
-    }
-    return sum(domain.n_nodes * (domain.dim + (name == "fluid")) for name, domain in blocks.items())
+    with_displacement = [coupling.solid, *([coupling.motion] if "mesh" in coupling.blocks else [])]
+    d = coupling.solid.domain.dim
+    displacements = sum(d * part.domain.n_nodes for part in with_displacement)
+    return displacements + (d + 1) * coupling.fluid.domain.n_nodes
 
 
 def _counts(iterations):

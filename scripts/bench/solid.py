@@ -84,15 +84,11 @@ def overrides(dimension, order, refinement, poisson, balance):
     )
 
 
-def first_system(scene):
+def first_system(scene, coupling):
     """Return the solver and the right side of the displacement's first solve (collective)."""
-    from mpi4py import MPI
-
     from porofsi_petsc.linalg.solver import LinearSolver
     from porofsi_petsc.simulation.loop import Clock
-    from porofsi_petsc.simulation.simulation import Simulation
 
-    coupling = Simulation(scene, MPI.COMM_WORLD).coupling
     with mock.patch.object(LinearSolver, "solve", _interrupt):
         try:
             coupling.step(*Clock(scene.time).schemes(scene.model, scene.time.step), 0.0, 1)
@@ -124,7 +120,7 @@ def times(matrix, rhs, recipe, dimension, tolerance):
 
 def work(dimensions, orders, meshes):
     """Return the records of all systems (collective)."""
-    from porofsi_petsc import load_scene
+    from porofsi_petsc import Simulation, load_scene
     from porofsi_petsc.linalg import options, solver
 
     options.start()
@@ -137,22 +133,21 @@ def work(dimensions, orders, meshes):
             scene = load_scene(
                 f"pulse{dimension}d", overrides(dimension, order, refinement, poisson, balance)
             )
-            first, rhs = first_system(scene)
-            system = (
-                MPI.COMM_WORLD.size,
-                dimension,
-                order,
-                poisson,
-                balance,
-                first.matrix.getSize()[0],
-            )
-            for name, recipe in SOLVERS.items():
-                loose = times(first.matrix, rhs, recipe, dimension, LOOSE)
-                tight = times(first.matrix, rhs, recipe, dimension, TIGHT)
-                found = (name, loose[0], tight[0], min(loose[1], tight[1]), loose[2])
-                records.append(dict(zip(COLUMNS, (*system, *found), strict=True)))
-            for living in [*solver._living]:
-                living.destroy()
+            with Simulation(scene, MPI.COMM_WORLD) as simulation:
+                first, rhs = first_system(scene, simulation.coupling)
+                system = (
+                    MPI.COMM_WORLD.size,
+                    dimension,
+                    order,
+                    poisson,
+                    balance,
+                    first.matrix.getSize()[0],
+                )
+                for name, recipe in SOLVERS.items():
+                    loose = times(first.matrix, rhs, recipe, dimension, LOOSE)
+                    tight = times(first.matrix, rhs, recipe, dimension, TIGHT)
+                    found = (name, loose[0], tight[0], min(loose[1], tight[1]), loose[2])
+                    records.append(dict(zip(COLUMNS, (*system, *found), strict=True)))
     return records
 
 

@@ -82,7 +82,7 @@ def measure(scene, direct, steps):
         some_steps(scene, steps) as done,
     ):
         phases = done.coupling.fluid, done.coupling.solid
-        iterations = [phase.solver.iterations_mean for phase in phases]
+        iterations = [phase.block.solver.iterations_mean for phase in phases]
         unknowns = done.coupling.solid.mesh.n_global * done.coupling.fluid.components
         return (
             unknowns,

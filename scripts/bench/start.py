@@ -53,13 +53,16 @@ def start_of_fluid(v_order, p_order):
         original(fluid, scheme, rates, t, mesh_state)
         v_levels.appendleft(fluid.v.copy())
         p_levels.appendleft(fluid.p.copy())
+        first = fluid.unknowns
         if v_order != KEEP:
-            fluid._v1 = extrapolated(v_levels, v_order)
-            fluid.setup.velocity.apply(fluid._v1, t + scheme.dt)
+            v = extrapolated(v_levels, v_order)
+            fluid.setup.velocity.apply(v, t + scheme.dt)
+            first[:, :-1] = v[: len(first)]
         if p_order != KEEP:
-            fluid._p1 = extrapolated(p_levels, p_order)
-            fluid.setup.pressure.apply(fluid._p1[:, None], t + scheme.alpha_f * scheme.dt)
-        fluid._update_rates()
+            p = extrapolated(p_levels, p_order)
+            fluid.setup.pressure.apply(p[:, None], t + scheme.alpha_f * scheme.dt)
+            first[:, -1] = p[: len(first)]
+        fluid.unknowns = first
 
     return begin_step
 
@@ -73,9 +76,9 @@ def start_of_solid(order):
         original(solid, scheme, t)
         levels.appendleft(solid.u.copy())
         if order != KEEP:
-            solid._u1 = extrapolated(levels, order)
-            solid.setup.dirichlet.apply(solid._u1, t + scheme.dt)
-            solid._update_rates()
+            u = extrapolated(levels, order)
+            solid.setup.dirichlet.apply(u, t + scheme.dt)
+            solid.unknowns = u[: solid.mesh.n_owned]
 
     return begin_step
 
