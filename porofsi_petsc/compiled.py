@@ -17,6 +17,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils, config
+from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
@@ -64,11 +65,25 @@ def _cache_folder() -> Path:
 CACHE_FOLDER = _cache_folder()
 
 
+class _Part(CPUDispatcher):
+    """A compiled routine without an entry for Python."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        name = self.py_func.__name__
+        raise TypeError(f"{name} is a part of compiled loops and cannot be called from Python")
+
+
 def inlined(function: F) -> F:
     """Compile a routine of a point or an element that becomes a part of every `specialized` one
-    that calls it.
+    that calls it; Python cannot call it.
+
+    Entries for Python into all such parts would double the time of compilation (measured).
     """
-    return numba.njit(function, **OPTIONS, forceinline=True)
+    part = numba.njit(
+        function, **OPTIONS, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
+    )
+    part.__class__ = _Part
+    return part
 
 
 def expanded(function: F) -> F:

@@ -14,6 +14,7 @@ from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.kernels import solid
 from porofsi_petsc.materials import ELASTIC
+from porofsi_petsc.tensors import invert
 
 CACHED = """
 import numpy as np
@@ -33,6 +34,12 @@ def test_plain_takes_arrays_that_are_read_only_broadcast_or_integer():
         made = plain(array)
         assert made.dtype == np.float64 and made.flags.c_contiguous and made.flags.writeable
         assert np.array_equal(made, array)
+
+
+def test_a_part_of_loops_is_not_called_from_python():
+    """It has no entry for it: without the refusal the process would end."""
+    with pytest.raises(TypeError, match="invert is a part of compiled loops"):
+        invert(2, np.eye(2), np.empty((2, 2)))
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
