@@ -143,6 +143,15 @@ def test_two_ranks(tmp_path):
         assert np.abs(a[name] - b[name]).max() < 1e-8 * np.abs(a[name]).max()
 
 
+def test_a_consistent_start_leaves_its_pressure(tmp_path):
+    """The small step that finds the accelerations at t = 0 is none of the outlet's."""
+    start = "boundary.2.windkessel={distal=2e4, compliance=1e-5, start=50.0}"
+    run_here(Job(FLAP, str(tmp_path), (start, "time.consistent_start=true", "time.end=0.02")))
+    found = history(tmp_path)["right.pressure"]
+    assert found[0] == 50.0
+    assert found[1] != 50.0
+
+
 def test_it_excludes_a_velocity_on_its_surface(tmp_path):
     with pytest.raises(InputError, match="has boundary.1.velocity.y already, which excl"):
         run_here(Job(SCENE, str(tmp_path), (outlet(), "boundary.1.velocity.y=0.0")))

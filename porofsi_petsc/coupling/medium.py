@@ -172,15 +172,19 @@ class Medium:
         """Give the phases the accelerations and the pressure that the balances ask for at t = 0 (0+
         where a load is sudden).
 
-        They are those of one small implicit step, whose positions and velocities are forgotten; v_f
-        is kept where it has inertia (without it, Darcy's law gives it with the pressure).  The
-        velocities at t = 0 must satisfy the volume balance.
+        They are those of one small implicit step, whose positions, velocities and states of
+        surfaces are forgotten; v_f is kept where it has inertia (without it, Darcy's law gives it
+        with the pressure).  The velocities at t = 0 must satisfy the volume balance.
         """
         u = self.solid.u
         v = self.solid.v
         v_f = self.fluid.v
+        surfaces = self.solid.surfaces, self.fluid.surfaces
+        kept = [terms.memory() for terms in surfaces]
         self.step(schemes, rates, 0.0, 0)
         self.accept()
+        for terms, memory in zip(surfaces, kept, strict=True):
+            terms.load(memory)
         self.solid.set_initial(u, v)
         self.fluid.set_initial(v_f if rates.c_f else self.fluid.v, self.fluid.p, balanced=True)
         self.reset()
