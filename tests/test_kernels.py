@@ -15,7 +15,6 @@ from kernel_states import (
     relative,
 )
 
-from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, solid
 from porofsi_petsc.materials import ELASTIC
@@ -123,10 +122,13 @@ def test_stress_of_a_tiny_strain_keeps_its_digits(dim, law):
     assert relative(material.stress(H), linear.stress(H)) < 1e-8
 
 
-@pytest.mark.parametrize("name", [name for name, e in ELEMENTS.items() if not e.is_affine])
+CURVED = [name for name, element in SHAPES.items() if not element.is_affine]
+
+
+@pytest.mark.parametrize("name", CURVED)
 def test_second_derivatives_are_those_of_curved_elements(name):
     """Of shape functions, of a field and of the volume ratio, against differences of the first ones
-    between points.
+    between points; of a ring those of a field in space are part of its tangents.
     """
     rng = np.random.default_rng(8)
     element = SHAPES[name]
@@ -157,6 +159,8 @@ def test_second_derivatives_are_those_of_curved_elements(name):
     assert (
         relative(second.volume_gradient, np.einsum("meq,eqmj->eqj", d_ln_J, inverse)) < FD_TOLERANCE
     )
+    if element.axisymmetric:
+        return
     U = rng.standard_normal(X.shape)
     gradient = np.einsum("eak,eqaj->eqkj", U, current.G)
     field = np.einsum("eak,eqaij->eqkij", U, shapes)

@@ -130,9 +130,8 @@ class InterfacePressure:
         element = domain.element
         rows, local = interface_facets(domain, other, tags)
         self._nodes = domain.cells[rows[:, None], np.array(element.facets)[local]]
-        self._rule = Rule.of(
-            element.facet, 3 * element.order
-        )  # exact: N_a p times the normal of a flat facet
+        # exact: N_a p times the normal of a flat facet, around an axis times r
+        self._rule = Rule.of(element.facet, 3 * element.order + element.axisymmetric)
         self._reference = self._normals(np.zeros((domain.n_local, domain.dim)))
 
     def _normals(self, displacement):
