@@ -188,6 +188,37 @@ def test_newtons_iteration_converges_quadratically():
     assert len(pairs) > 1 and all(b < 10 * a**2 for a, b in pairs)
 
 
+def test_a_tube_of_a_porous_wall_lets_the_fluid_through():
+    """Both monolithic schemes have one solution, in which all energy is accounted for."""
+    soaked = {
+        "region": "wall",
+        "porosity": 0.3,
+        "solid": MATERIAL[0]["solid"] | {"law": "neo_hookean"},
+        "fluid": MATERIAL[1]["fluid"],
+        "permeability": {"law": "constant", "intrinsic": 1e-10},
+    }
+    inlet = {"traction": {"y": 3 * PRESSURE}, "displacement": {"x": 0.0, "y": 0.0}}
+    held = {"displacement": {"x": 0.0, "y": 0.0}, "velocity": {"x": 0.0, "y": 0.0}}
+    tables = tube(
+        length=0.02,
+        cells=((3, 1), 6),
+        boundary=[{"on": ["low_wall", "high_wall"]} | held, {"on": "low"} | inlet, *CLAMPED[2:]],
+        material=[soaked, MATERIAL[1]],
+        time={"end": 1e-3, "step": 2e-4},
+    )
+    found = []
+    for scheme in ("direct", "quasi_direct"):
+        choice = {"scheme": scheme, "tolerance": 1e-11, "max_iterations": 100}
+        simulation = Simulation(load_scene(tables | {"coupling": choice}))
+        simulation.run()
+        assert simulation.energy.report()["balance_error_relative"] < 1e-9
+        found.append(simulation.coupling)
+    one, other = found
+    assert np.abs(one.solid.u).max() > 0.01 * INNER
+    assert np.abs(one.solid.u - other.solid.u).max() < 1e-8 * np.abs(one.solid.u).max()
+    assert np.abs(one.fluid.p - other.fluid.p).max() < 1e-8 * np.abs(one.fluid.p).max()
+
+
 CHECKPOINTS = ("output.checkpoint_every=1", "time.step=2e-4")
 
 
