@@ -125,6 +125,18 @@ def trace(F: np.ndarray) -> np.ndarray:
     return np.einsum("...ii->...", F)
 
 
+def weighted(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return weights (...) times scalars (...) or tensors (..., d, d)."""
+    return weight * values if values.ndim == weight.ndim else weight[..., None, None] * values
+
+
+def plus_identity(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return scalars (...) plus weights (...), or tensors (..., d, d) plus weights times I."""
+    if values.ndim == weight.ndim:
+        return values + weight
+    return values + scaled_identity(weight, values.shape[-1])
+
+
 def scaled_identity(values: np.ndarray, dim: int) -> np.ndarray:
     """Return values * I, (..., d, d), for values (...)."""
     return values[..., None, None] * np.eye(dim)

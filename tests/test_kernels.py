@@ -9,6 +9,7 @@ from kernel_states import (
     FD_TOLERANCE,
     ON_ELEMENTS,
     SHAPES,
+    TURNED,
     central_difference,
     distorted,
     flow_chunk,
@@ -19,6 +20,8 @@ from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, solid
 from porofsi_petsc.materials import ELASTIC
 from porofsi_petsc.registry import examples
+
+TURNED_SHAPES = "T3", "Q4", "T4", "ring of T3"
 
 
 def elastic(law, lam=1.7, mu=0.8, n_s0=0.4):
@@ -173,11 +176,21 @@ def test_second_derivatives_are_those_of_curved_elements(name):
 @pytest.mark.parametrize("mu", [0.0, 0.7])
 @pytest.mark.parametrize("name", SHAPES)
 def test_flow_tangent_is_the_derivative(name, mu, convection):
+    compare_flow_tangent(name, mu, convection, None)
+
+
+@pytest.mark.parametrize("name", TURNED_SHAPES)
+def test_flow_tangent_of_a_drag_with_axes_is_the_derivative(name):
+    compare_flow_tangent(name, 0.7, True, TURNED[SHAPES[name].dim])
+
+
+def compare_flow_tangent(name, mu, convection, anisotropy):
+    """Compare the tangent with central differences of the residual."""
     rng = np.random.default_rng(3)
     element = SHAPES[name]
     d = element.dim
     c_f = 1.3
-    el, z = flow_chunk(element, rng, mu, convection)
+    el, z = flow_chunk(element, rng, mu, convection, anisotropy)
 
     def fields(unknowns):
         v = unknowns[..., :d]
@@ -242,11 +255,21 @@ def test_pressure_terms_of_the_phases_are_adjoint_to_the_volume_balance(name):
 @pytest.mark.parametrize("convection", [False, True])
 @pytest.mark.parametrize("name", SHAPES)
 def test_exchange_tangents_are_the_derivatives(name, convection, moving_mesh):
+    compare_exchange_tangents(name, convection, moving_mesh, None)
+
+
+@pytest.mark.parametrize("name", TURNED_SHAPES)
+def test_exchange_tangents_of_a_drag_with_axes_are_the_derivatives(name):
+    compare_exchange_tangents(name, True, True, TURNED[SHAPES[name].dim])
+
+
+def compare_exchange_tangents(name, convection, moving_mesh, anisotropy):
+    """Compare both tangents with central differences of the residuals."""
     rng = np.random.default_rng(6)
     element = SHAPES[name]
     d = element.dim
     c_v = 1.7
-    el, z = flow_chunk(element, rng, 0.7, convection)
+    el, z = flow_chunk(element, rng, 0.7, convection, anisotropy)
 
     def flow_residual(y):
         v_s = z["v_s"] + c_v * y
@@ -263,7 +286,7 @@ def test_exchange_tangents_are_the_derivatives(name, convection, moving_mesh):
 
     class Coefficients:
         fluid_fraction = staticmethod(lambda J: el.n)
-        drag = staticmethod(lambda J: el.S)
+        drag = staticmethod(lambda J: el.drag)
 
     def solid_residual(unknowns):
         v = unknowns[..., :d]
@@ -271,7 +294,7 @@ def test_exchange_tangents_are_the_derivatives(name, convection, moving_mesh):
         return sum(solid.coupling_residual(el.N, el.geometry, Coefficients, None, p, v - z["v_s"]))
 
     unknowns = np.concatenate([z["v"], z["p"][..., None]], axis=-1)
-    exact = exchange.solid_by_flow(el.N, el.geometry, el.n, el.S).reshape(len(y), y[0].size, -1)
+    exact = exchange.solid_by_flow(el.N, el.geometry, el.n, el.drag).reshape(len(y), y[0].size, -1)
     assert relative(exact, central_difference(solid_residual, unknowns)) < FD_TOLERANCE
 
 

@@ -176,7 +176,7 @@ class Patch:
             geometry=current,
             n=np.ones(points),
             rho=np.full(points, rho),
-            S=None,
+            drag=None,
             mu=mu,
             tau=random(),
             tau_supg=random(),

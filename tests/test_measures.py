@@ -132,7 +132,9 @@ def test_reynolds_on_a_moving_mesh_is_that_of_the_relative_velocity_in_the_prese
     )
     n_f = 1 - N_S / 1.0189
     entry = body.scene.material[0]
-    expected = 2 * n_f * RHO_F * 2.0 / WIDTH / body.materials["body"].drag(np.array([1.0189]))[0]
+    expected = (
+        2 * n_f * RHO_F * 2.0 / WIDTH / body.materials["body"].drag(np.array([1.0189])).scale[0]
+    )
     assert entry.fluid.density == RHO_F
     assert body.sizes(v_f=(3.0, 0.0), v_s=(1.0, 0.0))["reynolds"] == pytest.approx(
         expected, rel=ROUND_OFF

@@ -4,17 +4,24 @@ group.
 
 from collections.abc import Sequence
 from functools import reduce
+from math import cos, hypot, radians, sin
 from operator import or_
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetCoreSchemaHandler, create_model, model_validator
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    create_model,
+    model_validator,
+)
 from pydantic_core import CoreSchema
 
 from ..materials import ELASTIC, PERMEABILITY
 from ..registry import Parameter, Registry, parameters
-from .types import Number, Positive, Table, Tags, wrong
+from .types import ListOf, Number, Positive, Table, Tags, wrong
 
 PORE_LAWS = ("xie_leo", "ehlers_eipper")
+RIGHT_ANGLE = 1e-6  # largest cosine between axes at right angles
 THINNEST = 1e-6  # smallest porosity: n_f = 1 - n_s has ten digits left
 
 
@@ -120,19 +127,73 @@ class Fluid(Table):
     viscosity: Positive | None = None
 
 
+Direction = Annotated[tuple[Number, ...], ListOf(3, 3)]
+
+
 class Permeability(OfLaw):
     """Darcy coefficient k [m/s] or intrinsic permeability [m^2] in the reference state, and how it
     follows the deformation.
+
+    anisotropy : factors of it along the principal axes; angle [degrees] of the first one from x, in
+    the plane; axes : directions of the first two, in space
     """
 
     k: Positive | None = None
     intrinsic: Positive | None = None
+    anisotropy: Annotated[tuple[Positive, ...], ListOf(2, 3)] | None = None
+    angle: Number | None = None
+    axes: Annotated[tuple[Direction, ...], ListOf(2, 2)] | None = None
 
     @model_validator(mode="after")
     def _complete(self):
         if (self.k is None) == (self.intrinsic is None):
             raise wrong("expected exactly one of k [m/s] and intrinsic [m^2]")
         return self
+
+    @model_validator(mode="after")
+    def _axes_are_known(self):
+        count = len(self.anisotropy or ())
+        for name, needed in (("angle", 2), ("axes", 3)):
+            if getattr(self, name) is not None and count != needed:
+                raise wrong(
+                    f"received it with {count or 'no'} factors, expected {needed} in anisotropy, or"
+                    f" no {name}",
+                    name,
+                )
+        if self.axes:
+            lengths = [hypot(*axis) for axis in self.axes]
+            if not all(lengths):
+                raise wrong("received a direction of length 0, expected another", "axes")
+            cosine = sum(a * b for a, b in zip(*self.axes, strict=True)) / lengths[0] / lengths[1]
+            if abs(cosine) > RIGHT_ANGLE:
+                raise wrong(
+                    f"received directions whose angle has the cosine {cosine:.3g}, expected a right"
+                    " angle",
+                    "axes",
+                )
+        return self
+
+    @property
+    def principal_axes(self) -> tuple[tuple[float, ...], ...]:
+        """Return the orthonormal axes of the factors of anisotropy; those of the coordinates if
+        none are given.
+        """
+        if self.axes:
+            return _orthonormal(*self.axes)
+        d = len(self.anisotropy or ())
+        if self.angle is None:
+            return tuple(tuple(float(i == j) for j in range(d)) for i in range(d))
+        c, s = cos(radians(self.angle)), sin(radians(self.angle))
+        return (c, s), (-s, c)
+
+
+def _orthonormal(first, second):
+    """Return three orthonormal vectors: along the first, in the plane of both, and across it."""
+    a, b = (tuple(x / hypot(*vector) for x in vector) for vector in (first, second))
+    along = sum(x * y for x, y in zip(a, b, strict=True))
+    b = tuple(y - along * x for x, y in zip(a, b, strict=True))
+    b = tuple(x / hypot(*b) for x in b)
+    return a, b, tuple(a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3))
 
 
 class Material(Table):

@@ -179,6 +179,7 @@ class Scene(Table):
         check_expressions(self.body_force, self.dim, "body_force")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_kinds()
+        self._check_anisotropy()
         self._check_interfaces()
         self._check_auto()
         self._check_time_scheme()
@@ -335,6 +336,16 @@ class Scene(Table):
                 )
                 raise wrong(text, f"material.{i}.permeability.law")
 
+    def _check_anisotropy(self):
+        for i, material in enumerate(self.material):
+            factors = material.permeability and material.permeability.anisotropy
+            if factors and len(factors) != self.dim:
+                raise wrong(
+                    f"received {len(factors)} factors, expected {self.dim}, one of each principal"
+                    " axis",
+                    f"material.{i}.permeability.anisotropy",
+                )
+
     def _check_auto(self):
         for term, limit in LIMIT_OF.items():
             if getattr(self.model, term) == "auto" and getattr(self.limits, limit) == "report":
@@ -451,6 +462,12 @@ class Scene(Table):
             )
 
     def _check_soil(self):
+        if self.material[0].permeability.anisotropy:
+            raise wrong(
+                f"received '{self.reference.solution}' with material.permeability.anisotropy,"
+                " expected an isotropic permeability; leave one of the two out",
+                "reference.solution",
+            )
         laws = self.material[0].solid.law, self.material[0].permeability.law
         if self.reference.solution == "xie_leo" and laws != ("xie_leo", "xie_leo"):
             received = f"received 'xie_leo' with the laws '{laws[0]}' and '{laws[1]}'"

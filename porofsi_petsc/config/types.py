@@ -165,7 +165,9 @@ class ListOf:
 
     def _check(self, entries: tuple) -> tuple:
         if len(entries) < self.shortest or (self.longest and len(entries) > self.longest):
-            most = f"{self.shortest} to {self.longest}"
+            most = f"{self.shortest}"
+            if self.longest != self.shortest:
+                most = f"{self.shortest} to {self.longest}"
             expected = most if self.longest else f"at least {self.shortest}"
             raise wrong(f"received a list of length {len(entries)}, expected {expected}")
         return entries

@@ -41,6 +41,30 @@ def laplacian(G: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return weighted @ np.swapaxes(flat, 1, 2)
 
 
+def add_drag(matrix: np.ndarray, block: np.ndarray, resistance: np.ndarray | None, d: int) -> None:
+    """Add D_ij times a scalar block (E, A, B) to the components (i, j) of matrix (E, A, m, B, n)
+    for i, j < d, in place; D (d, d), None for δ_ij.
+    """
+    if resistance is None:
+        add_isotropic(matrix, block, d)
+        return
+    for i in range(d):
+        for j in range(d):
+            matrix[:, :, i, :, j] += resistance[i, j] * block
+
+
+def add_mass(matrix: np.ndarray, N: np.ndarray, weights: np.ndarray, d: int) -> None:
+    """Add the sum over q of N_a w_ij N_b to matrix (E, A, m, B, n), i, j < d, in place, for weights
+    that include dV: (E, Q, d, d), or (E, Q) for w δ_ij.
+    """
+    if weights.ndim == 2:
+        add_isotropic(matrix, mass_matrix(N, weights), d)
+        return
+    for i in range(d):
+        for j in range(d):
+            matrix[:, :, i, :, j] += mass_matrix(N, weights[..., i, j])
+
+
 def add_isotropic(matrix: np.ndarray, block: np.ndarray, components: int) -> None:
     """Add a scalar block (E, A, B) to the components (i, i) of matrix (E, A, m, B, m) for i <
     components, in place.

@@ -8,8 +8,8 @@ velocity of its mesh.
 
 import numpy as np
 
-from .arguments import Geometry
-from .assemble import add_isotropic, bilinear, broadcast_gradient, mass_matrix
+from .arguments import Drag, Geometry
+from .assemble import add_drag, bilinear, broadcast_gradient, mass_matrix
 from .flow import FlowElements, FlowFields, flow_points, strong_gradient
 
 
@@ -27,16 +27,18 @@ def flow_by_skeleton(el: FlowElements, f: FlowFields, c_v: float, moving_mesh: b
     div = broadcast_gradient(el.geometry.divergence, dV.shape[1])
     N = np.broadcast_to(el.N, G.shape[:3])
     K = np.zeros((E, A, d + 1, A, d))
-    drag = (el.S * dV)[..., None]
-    add_isotropic(K, -bilinear(drag * _tests(el, x, G), N), d)
+    drag = _drag(el)
+    weight = (drag.scale * dV)[..., None]
+    add_drag(K, -bilinear(weight * _tests(el, x, G), N), drag.resistance, d)
+    flux = (n * dV)[..., None, None] * G
+    flux -= ((el.tau * n)[..., None] * weight)[..., None] * drag.turned(G)
     for j in range(d):
         if el.convection:
             for i in range(d):
                 K[:, :, i, :, j] += bilinear(
                     (n * (1 - n) * el.nu_lsic * dV)[..., None] * div[..., i], div[..., j]
                 )
-        flux = (n * dV)[..., None] - (el.tau * n)[..., None] * drag
-        K[:, :, d, :, j] = bilinear(dV[..., None] * N, div[..., j]) + bilinear(flux * G[..., j], N)
+        K[:, :, d, :, j] = bilinear(dV[..., None] * N, div[..., j]) + bilinear(flux[..., j], N)
     if el.convection and moving_mesh:
         _add_mesh_velocity(K, el, x, G)
     return c_v * K
@@ -52,11 +54,13 @@ def flow_by_drag(el: FlowElements, f: FlowFields, c_v: float) -> np.ndarray:
     E, _, A, d = el.geometry.G.shape
     G = broadcast_gradient(el.geometry.G, el.geometry.dV.shape[1])
     N = np.broadcast_to(el.N, G.shape[:3])
-    drag = (el.S * el.geometry.dV)[..., None]
+    drag = _drag(el)
+    weight = (drag.scale * el.geometry.dV)[..., None]
     K = np.zeros((E, A, d + 1, A, d))
-    add_isotropic(K, -bilinear(drag * _tests(el, x, G), N), d)
+    add_drag(K, -bilinear(weight * _tests(el, x, G), N), drag.resistance, d)
+    turned = drag.turned(G)
     for j in range(d):
-        K[:, :, d, :, j] = -bilinear(el.tau[..., None] * drag * G[..., j], N)
+        K[:, :, d, :, j] = -bilinear(el.tau[..., None] * weight * turned[..., j], N)
     return c_v * K
 
 
@@ -72,6 +76,12 @@ def flow_by_mesh_velocity(el: FlowElements, f: FlowFields, c_m: float) -> np.nda
     if el.convection:
         _add_mesh_velocity(K, el, flow_points(el, f), G)
     return c_m * K
+
+
+def _drag(el: FlowElements) -> Drag:
+    """Return the drag of elements that a skeleton resists."""
+    assert el.drag is not None
+    return el.drag
 
 
 def _tests(el, x, G):
@@ -99,19 +109,17 @@ def _add_mesh_velocity(K, el, x, G):
         K[:, :, d, :, j] += bilinear((el.tau * el.n)[..., None] * carried, N)
 
 
-def solid_by_drag(N: np.ndarray, geometry: Geometry, S: np.ndarray) -> np.ndarray:
+def solid_by_drag(N: np.ndarray, geometry: Geometry, drag: Drag) -> np.ndarray:
     """Return the derivative of the solid's drag by (v_f, p), (E, A, d, A, d + 1) [N s/m]; the
     columns of p are zero.
     """
     E, _, A, d = geometry.G.shape
     K = np.zeros((E, A, d, A, d + 1))
-    drag = mass_matrix(N, -S * geometry.dV)
-    for i in range(d):
-        K[:, :, i, :, i] = drag
+    add_drag(K, mass_matrix(N, -drag.scale * geometry.dV), drag.resistance, d)
     return K
 
 
-def solid_by_flow(N: np.ndarray, geometry: Geometry, n: np.ndarray, S: np.ndarray) -> np.ndarray:
+def solid_by_flow(N: np.ndarray, geometry: Geometry, n: np.ndarray, drag: Drag) -> np.ndarray:
     """Return the derivative of the solid's pressure and drag terms by (v_f, p), (E, A, d, A, d + 1)
     [N s/m and m²].
     """
@@ -120,10 +128,9 @@ def solid_by_flow(N: np.ndarray, geometry: Geometry, n: np.ndarray, S: np.ndarra
     G = broadcast_gradient(geometry.G, dV.shape[1])
     div = broadcast_gradient(geometry.divergence, dV.shape[1])
     Nq = np.broadcast_to(N, G.shape[:3])
-    drag = mass_matrix(N, -S * dV)
     K = np.zeros((E, A, d, A, d + 1))
+    add_drag(K, mass_matrix(N, -drag.scale * dV), drag.resistance, d)
     for i in range(d):
-        K[:, :, i, :, i] = drag
         K[:, :, i, :, d] = -bilinear(dV[..., None] * div[..., i], Nq) - bilinear(
             (n * dV)[..., None] * Nq, G[..., i]
         )

@@ -45,7 +45,7 @@ import numpy as np
 
 from ..compiled import plain
 from . import flow_loops
-from .arguments import Geometry
+from .arguments import Drag, Geometry
 from .assemble import laplacian, mass_matrix
 from .flow_loops import MOMENTUM_TERMS, FlowFields, term_columns
 
@@ -54,19 +54,19 @@ from .flow_loops import MOMENTUM_TERMS, FlowFields, term_columns
 class FlowElements:
     """Elements and coefficients of one chunk, frozen during an iteration.
 
-    N (Q, A); geometry (G, dV); n, rho, S (E, Q): fluid fraction, partial density [kg/m³], drag [N
-    s/m⁴]; mu [Pa s]; tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0
+    N (Q, A); geometry (G, dV); n, rho (E, Q): fluid fraction, partial density [kg/m³]; drag S
+    [N s/m⁴]; mu [Pa s]; tau, tau_supg (E, Q) [m³ s/kg] of PSPG and SUPG; nu_lsic (E, Q) [Pa s], 0
     where n varies; tau_u (E, Q, d, d) = c_v τ_u [m³ s/kg], None without the undrained term; second:
     `fem.geometry.SecondDerivatives`, None on affine elements or where μ = 0; grad_n (E, Q, d) [1/m]
     of a varying n, where there is `second`, None where n is constant; free: a free fluid, whose n
-    is 1; its S is None, or [N s/m⁴] of a skeleton that it flows through.
+    is 1; its drag is None, or that of a skeleton that it flows through.
     """
 
     N: np.ndarray
     geometry: Geometry
     n: np.ndarray
     rho: np.ndarray
-    S: np.ndarray | None
+    drag: Drag | None
     mu: float
     tau: np.ndarray
     tau_supg: np.ndarray
@@ -106,7 +106,7 @@ def flow_points(el: FlowElements, f: FlowFields) -> FlowPoints:
         grad_v,
         acceleration,
         grad_p,
-        None if el.S is None else w,
+        None if el.drag is None else w,
         residual,
     )
 
@@ -157,14 +157,16 @@ def flow_tangent(
 
 
 def _arguments(el, f):
-    """Return the sizes (A, d, affine, even, ring), elements and fields for a compiled loop; even:
-    the second derivatives of the shape functions are constant.
+    """Return the sizes (A, d, affine, even, ring, tensor), elements and fields for a compiled loop;
+    even: the second derivatives of the shape functions are constant; tensor: of the drag.
     """
     G = el.geometry.G
     hoop = el.geometry.hoop
     dV = el.geometry.dV
     second = el.second
-    drag = el.S is not None
+    drag = el.drag is not None
+    resistance = el.drag.resistance if drag else None
+    tensor = resistance is not None
     undrained = el.tau_u is not None
     graded = el.grad_n is not None
     curved = second is not None
@@ -175,7 +177,8 @@ def _arguments(el, f):
         dV=plain(dV),
         n=plain(el.n),
         rho=plain(el.rho),
-        S=plain(el.S) if drag else none,
+        S=plain(el.drag.scale) if drag else none,
+        D=plain(resistance) if tensor else none,
         mu=float(el.mu),
         tau=plain(el.tau),
         tau_supg=plain(el.tau_supg),
@@ -200,7 +203,7 @@ def _arguments(el, f):
     fields = FlowFields(*map(plain, f._replace(c=c, v_s=v_s, dp=f.dp if undrained else none)))
     A, d = G.shape[2:]
     even = comb(d + el.order, d) == A  # all polynomials of the order, 2 at most, and no others
-    return (A, d, G.shape[1] == 1, even, hoop is not None), elements, fields
+    return (A, d, G.shape[1] == 1, even, hoop is not None, tensor), elements, fields
 
 
 def _in_rows(array):

@@ -7,7 +7,8 @@ in the docstring of `flow`.
 A nodes, d dimensions, m unknowns per node in the matrix; affine: gradients are constant over an
 element, and G has one point; even: so are second derivatives by the reference coordinates, and
 hessian and bend have one; ring: the elements are rings around an axis, components r and z, and a
-gradient of a vector has a third diagonal entry, v_r/r, an index d in what follows.
+gradient of a vector has a third diagonal entry, v_r/r, an index d in what follows; tensor: the drag
+is S D_ij, else S δ_ij.
 """
 
 from collections.abc import Callable
@@ -36,8 +37,9 @@ class Elements(NamedTuple):
     """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says
     so.
 
-    hoop (E, Q, A) of `fem.geometry.Geometry`; nodes (A, d) on the reference cell, hessian (Q' A, d,
-    d) and bend (E Q', d, d²) of `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant;
+    S (E, Q), D (d, d): the drag S D_ij; hoop (E, Q, A) of `fem.geometry.Geometry`; nodes (A, d) on
+    the reference cell, hessian (Q' A, d, d) and bend (E Q', d, d²) of
+    `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant;
     fluctuation: the mean gradient is left out of the undrained term
     """
 
@@ -47,6 +49,7 @@ class Elements(NamedTuple):
     n: np.ndarray
     rho: np.ndarray
     S: np.ndarray
+    D: np.ndarray
     mu: float
     tau: np.ndarray
     tau_supg: np.ndarray
@@ -132,6 +135,7 @@ def set_point(
     affine: bool,
     even: bool,
     ring: bool,
+    tensor: bool,
     el: Elements,
     f: FlowFields,
     e: int,
@@ -164,7 +168,7 @@ def set_point(
     for i in range(d):
         x.residual[i] = x.acceleration[i] - el.rho[e, q] * f.b[e, q, i] + el.n[e, q] * x.grad_p[i]
     if el.drag:
-        _add_drag(A, d, el, f, e, q, x)
+        _add_drag(A, d, tensor, el, f, e, q, x)
     if el.curved:
         _set_inverse_jacobian(A, d, el, x)
         _subtract_viscous_force(A, d, even, ring, el, f, e, q, x)
@@ -202,14 +206,27 @@ def _add_convection(A, d, el, f, e, q, x):
 
 
 @inlined
-def _add_drag(A, d, el, f, e, q, x):
+def _add_drag(A, d, tensor, el, f, e, q, x):
     """Set w = v - v_s and add S w to the residual."""
     for i in range(d):
         w = 0.0
         for a in range(A):
             w += el.N[q, a] * (f.v[e, a, i] - f.v_s[e, a, i])
         x.w[i] = w
-        x.residual[i] += el.S[e, q] * w
+        if not tensor:
+            x.residual[i] += el.S[e, q] * w
+    if tensor:
+        for i in range(d):
+            x.residual[i] += el.S[e, q] * _turned(d, el, x.w, i)
+
+
+@inlined
+def _turned(d, el, w, i):
+    """Return (D w)_i."""
+    total = 0.0
+    for j in range(d):
+        total += el.D[i, j] * w[j]
+    return total
 
 
 @inlined
@@ -289,7 +306,9 @@ def _over_r(A, d, x):
 
 
 @specialized
-def points_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callable[..., None]:
+def points_loop(
+    A: int, d: int, affine: bool, even: bool, ring: bool, tensor: bool
+) -> Callable[..., None]:
     """Return the loop that writes the state at all points; grad_v (E, Q, d, d), of rings (E, Q, d +
     1, d + 1), whose entries beside the diagonal of the third direction it leaves alone.
     """
@@ -300,7 +319,7 @@ def points_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callabl
         x = new_point(A, d, directions)
         for e in range(len(el.dV)):
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, ring, el, f, e, q, x)
+                set_point(A, d, affine, even, ring, tensor, el, f, e, q, x)
                 if ring:
                     grad_v[e, q, d, d] = x.grad_v[d, d]
                 for i in range(d):
@@ -316,7 +335,9 @@ def points_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callabl
 
 
 @specialized
-def residual_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Callable[..., None]:
+def residual_loop(
+    A: int, d: int, affine: bool, even: bool, ring: bool, tensor: bool
+) -> Callable[..., None]:
     """Return the loop that writes terms (E, A, `term_columns`), those of the momentum and of the
     volume balance one after the other.
     """
@@ -332,8 +353,8 @@ def residual_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Calla
         for e in range(len(terms)):
             terms[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, ring, el, f, e, q, x)
-                _set_balances(A, d, ring, el, f, e, q, x, D)
+                set_point(A, d, affine, even, ring, tensor, el, f, e, q, x)
+                _set_balances(A, d, ring, tensor, el, f, e, q, x, D)
                 if el.mu != 0.0:
                     _set_viscous_stress(d, ring, el, e, q, x, D)
                 if el.convection:
@@ -348,7 +369,7 @@ def residual_loop(A: int, d: int, affine: bool, even: bool, ring: bool) -> Calla
 
 
 @inlined
-def _set_balances(A, d, ring, el, f, e, q, x, D):
+def _set_balances(A, d, ring, tensor, el, f, e, q, x, D):
     """Set inertia, pressure, drag and body force, and skeleton, seepage and PSPG."""
     dV = el.dV[e, q]
     n = el.n[e, q]
@@ -365,7 +386,8 @@ def _set_balances(A, d, ring, el, f, e, q, x, D):
             D[0, PRESSURE * d + i] = dV * n * x.grad_p[i]
             D[1 + i, VOLUME * d + SEEPAGE] = -dV * n * x.w[i]
         if el.drag:
-            D[0, DRAG * d + i] = dV * el.S[e, q] * x.w[i]
+            w = _turned(d, el, x.w, i) if tensor else x.w[i]
+            D[0, DRAG * d + i] = dV * el.S[e, q] * w
         D[0, BODY * d + i] = -dV * el.rho[e, q] * f.b[e, q, i]
         D[1 + i, VOLUME * d + PSPG] = dV * el.tau[e, q] * n * x.residual[i]
     if ring:
@@ -453,7 +475,7 @@ def _add_undrained(A, d, affine, el, f, e, q, x, terms):
 
 @specialized
 def tangent_loop(
-    A: int, d: int, affine: bool, even: bool, ring: bool, m: int
+    A: int, d: int, affine: bool, even: bool, ring: bool, tensor: bool, m: int
 ) -> Callable[..., None]:
     """Return the loop that writes the derivative K (E, A, m A m) of the residual by the unknowns of
     the nodes.
@@ -472,8 +494,8 @@ def tangent_loop(
         for e in range(len(K)):
             K[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, ring, el, f, e, q, x)
-                _set_derivatives(A, d, even, ring, el, e, q, c_f, x, D)
+                set_point(A, d, affine, even, ring, tensor, el, f, e, q, x)
+                _set_derivatives(A, d, even, ring, tensor, el, e, q, c_f, x, D)
                 add_point(A, directions, columns, el.N, q, x.g, flat, e, K)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
@@ -484,7 +506,7 @@ def tangent_loop(
 
 
 @inlined
-def _set_derivatives(A, d, even, ring, el, e, q, c_f, x, D):
+def _set_derivatives(A, d, even, ring, tensor, el, e, q, c_f, x, D):
     """Set the derivatives of the densities times dV by v_bk and p_b: D[0] that of A_i, D[1 + j]
     that of B_ij, rows i <= d.
 
@@ -503,7 +525,7 @@ def _set_derivatives(A, d, even, ring, el, e, q, c_f, x, D):
         lsic = dV * n * n * el.nu_lsic[e, q]
     for b in range(A):
         N = el.N[q, b]
-        _set_strong(d, el, e, q, b, c_f, x)
+        _set_strong(d, tensor, el, e, q, b, c_f, x)
         for i in range(d):
             for k in range(d):
                 D[0, i, b, k] = dV * x.strong[i, k]
@@ -552,12 +574,12 @@ def _add_hoop_derivatives(d, el, dV, N, b, viscous, lsic, x, D):
 
 
 @inlined
-def _set_strong(d, el, e, q, b, c_f, x):
+def _set_strong(d, tensor, el, e, q, b, c_f, x):
     """Set dr_i/dv_bk without viscosity."""
     N = el.N[q, b]
     rho = el.rho[e, q]
     isotropic = rho * c_f * N
-    if el.drag:
+    if el.drag and not tensor:
         isotropic += el.S[e, q] * N
     for i in range(d):
         for k in range(d):
@@ -567,6 +589,10 @@ def _set_strong(d, el, e, q, b, c_f, x):
             isotropic += rho * x.c[j] * x.g[b, j]
     for i in range(d):
         x.strong[i, i] += isotropic
+    if el.drag and tensor:
+        for i in range(d):
+            for k in range(d):
+                x.strong[i, k] += el.S[e, q] * N * el.D[i, k]
 
 
 @inlined

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arguments import Geometry
+from .arguments import Drag, Geometry
 from .assemble import bilinear, broadcast_gradient
 from .flow import FlowElements, FlowFields, FlowPoints, flow_points
 from .solid import displacement_gradient
@@ -30,10 +30,10 @@ from .solid import displacement_gradient
 
 @dataclass(frozen=True)
 class VolumeDerivatives:
-    """How the coefficients follow the volume: J dn_f/dJ and J dS/dJ, (E, Q)."""
+    """How the coefficients follow the volume: J dn_f/dJ (E, Q) and J dS/dJ."""
 
     n: np.ndarray
-    S: np.ndarray
+    drag: Drag
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def solid_by_geometry(
     N: np.ndarray,
     geometry: Geometry,
     n: np.ndarray,
-    S: np.ndarray,
+    drag: Drag,
     derivatives: VolumeDerivatives,
     p: np.ndarray,
     w: np.ndarray,
@@ -74,11 +74,9 @@ def solid_by_geometry(
     w = _in_space(N @ w, d)
     grad_p = _in_space((np.swapaxes(geometry.G, 2, 3) @ p[:, None, :, None])[..., 0], d)
     x = Densities.zeros(geometry.dV.shape, d, d)
-    x.A[...] = -n[..., None] * grad_p - S[..., None] * w
+    x.A[...] = -n[..., None] * grad_p - drag.on(w)
     x.B[...] = -(p @ N.T)[..., None, None] * identity
-    x.dA[...] = -_pressure_by_geometry(n, derivatives, grad_p) - _by_volume(
-        derivatives.S[..., None] * w
-    )
+    x.dA[...] = -_pressure_by_geometry(n, derivatives, grad_p) - _by_volume(derivatives.drag.on(w))
     return _assemble(N, geometry, x)
 
 
@@ -182,11 +180,9 @@ def _add_porous(densities, el, f, x, derivatives):
     gradients = _Gradients.of(el, f, x)
     relative = (derivatives.n / el.n)[..., None]
     body = el.rho[..., None] * _in_space(f.b, d)
-    strong = _by_volume(relative * (x.acceleration - body) + derivatives.S[..., None] * x.w)
+    strong = _by_volume(relative * (x.acceleration - body) + derivatives.drag.on(x.w))
     strong += _pressure_by_geometry(el.n, derivatives, x.grad_p) + _convection_by_geometry(el, x)
-    densities.A[..., :d] += (
-        x.acceleration + el.n[..., None] * x.grad_p + el.S[..., None] * x.w - body
-    )
+    densities.A[..., :d] += x.acceleration + el.n[..., None] * x.grad_p + el.drag.on(x.w) - body
     densities.dA[:, :, :d] += strong
     densities.A[..., d] += gradients.div_s
     densities.dA[:, :, d] += gradients.d_div_s

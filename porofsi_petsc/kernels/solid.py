@@ -15,7 +15,7 @@ the others.  Nodal vectors have the components r and z, forces are those on the 
 
 import numpy as np
 
-from ..compiled import plain, specialized, stack
+from ..compiled import inlined, plain, specialized, stack
 from .arguments import Geometry, Pores, StrainEnergy, Stress
 from .assemble import add_isotropic, mass_matrix, test_value
 from .contraction import add_point
@@ -244,24 +244,28 @@ def coupling_residual(
     """
     A, d = w.shape[1:]
     n = plain(material.fluid_fraction(J))
-    S = plain(material.drag(J))
+    drag = material.drag(J)
+    tensor = drag.resistance is not None
+    D = np.empty((0, 0)) if drag.resistance is None else plain(drag.resistance)
     vectors = np.empty((len(w), A, 2 * d))
     hoop = geometry.hoop
-    arrays = plain(N), plain(geometry.G), _around(hoop), plain(geometry.dV), n, S
-    _coupling_loop(A, d, geometry.G.shape[1] == 1, hoop is not None)(
-        *arrays, plain(p), plain(w), vectors
+    arrays = plain(N), plain(geometry.G), _around(hoop), plain(geometry.dV)
+    _coupling_loop(A, d, geometry.G.shape[1] == 1, hoop is not None, tensor)(
+        *arrays, n, plain(drag.scale), D, plain(p), plain(w), vectors
     )
     return vectors[..., :d], vectors[..., d:]
 
 
 @specialized
-def _coupling_loop(A, d, affine, ring):
-    """Return the loop that writes the pressure term and the drag term side by side, (E, A, 2 d)."""
+def _coupling_loop(A, d, affine, ring, tensor):
+    """Return the loop that writes the pressure term and the drag term side by side, (E, A, 2 d);
+    tensor: the drag is S D_ij, else S δ_ij.
+    """
     directions = d + ring
     rows = 1 + directions
     columns = 2 * d
 
-    def loop(N, G, hoop, dV, n, S, p, w, vectors):
+    def loop(N, G, hoop, dV, n, S, resistance, p, w, vectors):
         g = stack((A, directions))
         D = stack((rows, columns))
         D[:] = 0.0
@@ -284,11 +288,26 @@ def _coupling_loop(A, d, affine, ring):
                     D[0, i] = -dV[e, q] * n[e, q] * gradient
                     D[0, d + i] = -dV[e, q] * S[e, q] * relative
                     D[1 + i, i] = -dV[e, q] * value
+                if tensor:
+                    _turn(d, resistance, D)
                 if ring:
                     D[1 + d, 0] = -dV[e, q] * value
                 add_point(A, directions, columns, N, q, g, D, e, vectors)
 
     return loop
+
+
+@inlined
+def _turn(d, resistance, D):
+    """Multiply the drag, D_0z for z from d to 2 d - 1, by the tensor (d, d), in place."""
+    force = stack((d,))
+    for i in range(d):
+        force[i] = D[0, d + i]
+    for i in range(d):
+        total = 0.0
+        for j in range(d):
+            total += resistance[i, j] * force[j]
+        D[0, d + i] = total
 
 
 def body_residual(N: np.ndarray, dV0: np.ndarray, rho_s: float, b: np.ndarray) -> np.ndarray:

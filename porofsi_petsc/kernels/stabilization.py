@@ -56,8 +56,10 @@ def grid_compliance(E_c: float, size: np.ndarray, inertia: float) -> np.ndarray:
 
 def undrained_tau(compliance: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return τ_u = α² times the compliance (E, d, d) of `grid_compliance` at the points, (E, Q, d,
-    d); moved = α (E, Q).
+    d); moved = α (E, Q), or symmetric tensors (E, Q, d, d) on both sides of the compliance.
     """
+    if moved.ndim == 4:
+        return moved @ compliance[:, None] @ moved
     E, Q = moved.shape
     tau = np.empty((E, Q, *compliance.shape[1:]))
     _undrained_loop(compliance.shape[-1])(compliance, moved, tau)

@@ -92,6 +92,6 @@ PERMEABILITY = Registry(
         "kozeny_carman": KozenyCarman,
         "xie_leo": XieLeo,
     },
-    taken=("k", "intrinsic"),
+    taken=("k", "intrinsic", "anisotropy", "angle", "axes"),
     check=check_permeability,
 )

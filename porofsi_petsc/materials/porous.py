@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .drag import Anisotropy, Drag
 from .elastic import ElasticLaw
 from .permeability import Constant, PermeabilityLaw
 
@@ -20,6 +21,7 @@ class PorousMaterial:
     """Skeleton law and fluid of one region; densities are real (intrinsic) ones [kg/m^3].
 
     drag0 : γ_fR/k_f = μ_f/K, the drag per n_f² in the reference configuration [N s/m^4]
+    anisotropy : principal axes of the permeability, with factors of k_f or K; None without any
     viscosity : μ_f [Pa s], zero where the Brinkman term is left out
     variable_porosity : n_s = n_s0/J, else n_s = n_s0
     """
@@ -32,6 +34,7 @@ class PorousMaterial:
     permeability: PermeabilityLaw = Constant()
     viscosity: float = 0.0
     variable_porosity: bool = False
+    anisotropy: Anisotropy | None = None
 
     @classmethod
     def free_fluid(cls, rho: float, viscosity: float, drag0: float = 0.0) -> PorousMaterial:
@@ -71,6 +74,7 @@ class PorousMaterial:
         return replace(
             self.free_fluid(n_f * self.rho_fR, self.viscosity, self.drag0),
             permeability=self.permeability,
+            anisotropy=self.anisotropy,
         )
 
     def fluid_fraction(self, J: np.ndarray) -> np.ndarray:
@@ -91,15 +95,21 @@ class PorousMaterial:
             return np.broadcast_to(0.0, (*J.shape, second.G.shape[-1]))
         return self.fluid_fraction_slope(J)[..., None] * second.volume_gradient
 
-    def drag(self, J: np.ndarray) -> np.ndarray:
-        """Return S = n_f² γ_fR/k_f(J) [N s/m^4], the shape of J."""
+    def drag(self, J: np.ndarray) -> Drag:
+        """Return S = n_f² γ_fR/k_f(J) D [N s/m^4] at points J; D is δ_ij or that of the principal
+        axes.
+        """
+        return Drag(self._drag_scale(J), self.anisotropy)
+
+    def _drag_scale(self, J):
         return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability.factor(J, self.n_s0)
 
-    def volume_derivatives(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return J dn_f/dJ and J dS/dJ, the shape of J, the latter by a complex step exact to
-        round-off (Squire & Trapp 1998).
+    def volume_derivatives(self, J: np.ndarray) -> tuple[np.ndarray, Drag]:
+        """Return J dn_f/dJ, the shape of J, and J dS/dJ, by a complex step exact to round-off
+        (Squire & Trapp 1998).
         """
-        return self.fluid_fraction_slope(J), np.imag(self.drag(J * (1 + 1e-30j))) / 1e-30
+        slope = np.imag(self._drag_scale(J * (1 + 1e-30j))) / 1e-30
+        return self.fluid_fraction_slope(J), Drag(slope, self.anisotropy)
 
     def open_pores(self, J: np.ndarray) -> np.ndarray:
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when

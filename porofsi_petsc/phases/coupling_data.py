@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fem.domain import Configuration
+from ..materials.drag import Drag
+from ..tensors import weighted
 
 
 @dataclass(frozen=True)
@@ -59,14 +61,14 @@ class Rates:
     c_v: float
     c_a: float
 
-    def dragged_fraction(self, S: np.ndarray, rho_f: np.ndarray) -> np.ndarray:
-        """Return χ = S/(S + ρ_f c_f): the part of the fluid that the drag carries along (0 free, 1
-        undrained).
+    def dragged_fraction(self, drag: Drag, rho_f: np.ndarray) -> np.ndarray:
+        """Return χ = S (S + ρ_f c_f)^-1: the part of the fluid that the drag carries along (0 free,
+        1 undrained), (E, Q), or tensors (E, Q, d, d) of a drag with principal axes.
         """
-        return S / (S + rho_f * self.c_f)
+        return drag.carried(rho_f * self.c_f)
 
-    def moving_inertia(self, S: np.ndarray, rho_s: float, rho_f: np.ndarray) -> np.ndarray:
-        """Return ρ_χ c_a = ρ_s c_a + χ ρ_f c_f c_v [kg/(m³ s²)], the inertia that a compression
-        wave moves.
+    def dragged_inertia(self, chi: np.ndarray, rho_f: np.ndarray) -> np.ndarray:
+        """Return χ ρ_f c_f c_v [kg/(m³ s²)], the inertia of the fluid that moves with the skeleton,
+        of the shape of χ.
         """
-        return rho_s * self.c_a + self.dragged_fraction(S, rho_f) * rho_f * self.c_f * self.c_v
+        return weighted(rho_f, chi) * self.c_f * self.c_v

@@ -75,11 +75,9 @@ class ElasticSolid(SolidPhase):
         """
         configuration = self.mesh_state().configuration
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            S = self.setup.materials[region].drag(configuration.J[chunk])
-            yield (
-                chunk,
-                exchange.solid_by_drag(self.domain.mass.N, configuration.geometry.part(chunk), S),
-            )
+            drag = self.setup.materials[region].drag(configuration.J[chunk])
+            geometry = configuration.geometry.part(chunk)
+            yield chunk, exchange.solid_by_drag(self.domain.mass.N, geometry, drag)
 
     # -- end of a step -----------------------------------------------------------------------------
 

@@ -262,7 +262,7 @@ class FluidPhase:
             geometry=configuration.geometry.part(chunk),
             n=n,
             rho=n * material.rho_fR,
-            S=material.drag(J) if material.drag0 else None,
+            drag=material.drag(J) if material.drag0 else None,
             mu=material.viscosity,
             tau=setup.pspg * stabilization.tau[chunk],
             tau_supg=setup.supg * stabilization.tau[chunk],

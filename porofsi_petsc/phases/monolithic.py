@@ -73,7 +73,7 @@ class QuasiDirectSystem:
         """
         d = self.mesh.dim
         rhs = balances.copy()
-        rhs[:, :d] += self._added[: len(rhs)] * rhs[:, d : 2 * d]
+        rhs[:, :d] += _product(self._added[: len(rhs)], rhs[:, d : 2 * d])
         return rhs * self._rows
 
     def separated(self, solution: np.ndarray) -> np.ndarray:
@@ -82,8 +82,8 @@ class QuasiDirectSystem:
         """
         d = self.mesh.dim
         increment = solution * self._columns
-        tie = np.where(self._free_velocity, self._tie, 0.0)[: len(increment)]
-        increment[:, d : 2 * d] += tie * increment[:, :d]
+        tied = _product(self._tie[: len(increment)], increment[:, :d])
+        increment[:, d : 2 * d] += np.where(self._free_velocity[: len(increment)], tied, 0.0)
         return increment
 
     @timed("assembly")
@@ -119,16 +119,36 @@ class QuasiDirectSystem:
         along (collective).
 
         _tie : (n_local, d) dv_f/dy for constant w [1/s]; _added : (n_local, d) what the skeleton's
-        rows take of the fluid's
+        rows take of the fluid's; tensors (n_local, d, d) where the drag has principal axes
         """
+        chi = self._fluid.dragged_part(self._solid.mesh_state(), self.rates)
+        velocity_per_position = self._solid.scheme.rates(1.0, 0.0, 0.0, 0.0)[0]
+        if chi.ndim == 3:
+            self._combine_tensors(values, chi, velocity_per_position)
+            return
         d = self.mesh.dim
         cells = self._solid.domain.cells
-        chi = self._fluid.dragged_fraction(self._solid.mesh_state(), self.rates)[:, None]
-        velocity_per_position = self._solid.scheme.rates(1.0, 0.0, 0.0, 0.0)[0]
-        self._added = np.where(self._combined, chi, 0.0)
+        self._added = np.where(self._combined, chi[:, None], 0.0)
         self._tie = np.where(self._no_slip, velocity_per_position, self.rates.c_v * self._added)
         values[..., :d] += self._tie[cells][:, None, None] * values[..., d : 2 * d]
         values[:, :, :d] += self._added[cells][..., None, None] * values[:, :, d : 2 * d]
+
+    def _combine_tensors(self, values, chi, velocity_per_position):
+        """Change the variables with tensors χ (n_local, d, d): columns by χ, rows by its
+        transpose.
+        """
+        d = self.mesh.dim
+        cells = self._solid.domain.cells
+        moving = ~self._mask[:, None, :d]
+        chi = np.where(self._free_velocity[..., None] & moving, chi, 0.0)
+        self._added = np.swapaxes(chi, 1, 2)
+        wall = velocity_per_position * np.eye(d)
+        self._tie = np.where(self._no_slip[..., None], wall, self.rates.c_v * chi)
+        tie, added = self._tie[cells], self._added[cells]
+        for i, j in np.ndindex(d, d):
+            values[..., j] += tie[:, None, None, :, i, j] * values[..., d + i]
+        for i, j in np.ndindex(d, d):
+            values[:, :, i] += added[:, :, i, j, None, None] * values[:, :, d + j]
 
     def _scale(self, values):
         """Scale rows and columns of the element matrices in place (collective)."""
@@ -161,6 +181,11 @@ class QuasiDirectSystem:
         + 1).
         """
         return (increment / self._columns).ravel()
+
+
+def _product(nodal, vectors):
+    """Return factors (n, d) of the components or tensors (n, d, d) times vectors (n, d)."""
+    return nodal * vectors if nodal.ndim == 2 else np.einsum("nij,nj->ni", nodal, vectors)
 
 
 class DirectSystem(QuasiDirectSystem):

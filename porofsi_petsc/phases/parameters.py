@@ -4,6 +4,7 @@ import numpy as np
 
 from ..fem.geometry import element_size_tensor
 from ..kernels import stabilization
+from ..tensors import plus_identity, scaled_identity, weighted
 from .coupling_data import MeshState, Rates
 from .setup import FluidSetup
 
@@ -12,9 +13,9 @@ class StabilizationParameters:
     """τ, ν_L (E, Q) and c_v τ_u (E, Q, d, d) at the quadrature points, of the state at the start of
     a step.
 
-    τ_u is kept as α at the points, (E, Q), and the compliance at grid scale, (E, d, d). They are
-    kept over steps where nothing in them changes: neither convection nor a moving mesh, and the
-    same step size.
+    τ_u is kept as α at the points, (E, Q), or tensors where a drag has principal axes, and the
+    compliance at grid scale, (E, d, d). They are kept over steps where nothing in them changes:
+    neither convection nor a moving mesh, and the same step size.
     """
 
     def __init__(self, setup: FluidSetup) -> None:
@@ -38,7 +39,8 @@ class StabilizationParameters:
         if first:
             self.tau = np.empty(shape)
             self.nu_lsic = np.zeros(shape)
-            self._moved = np.empty(shape)
+            tensors = any(material.anisotropy for material in setup.materials.values())
+            self._moved = np.empty((*shape, *(domain.dim,) * 2) if tensors else shape)
             self._compliance = np.empty((domain.n_cells, domain.dim, domain.dim))
         c = v - mesh_state.mesh_velocity
         positions = domain.mesh.X + mesh_state.displacement if setup.moving_mesh else domain.mesh.X
@@ -71,7 +73,7 @@ class StabilizationParameters:
         viscous = 4 * n * material.viscosity / h[:, None] ** 2
         convective = stabilization.convective_scale(N, G, rho, c) if setup.convection else 0.0
         self.tau[chunk] = stabilization.momentum_tau(
-            transient, material.drag(J), viscous, convective
+            transient, material.drag(J).largest, viscous, convective
         )
         if (
             setup.convection and setup.lsic and not material.variable_porosity
@@ -88,4 +90,7 @@ class StabilizationParameters:
             material.elastic.oedometer_modulus, size, inertia
         )
         self._compliance[chunk] = self._setup.undrained * rates.c_v * compliance
-        self._moved[chunk] = 1 - n + chi * n
+        moved = plus_identity(weighted(n, chi), 1 - n)
+        if self._moved.ndim > moved.ndim:  # of an isotropic region beside others
+            moved = scaled_identity(moved, self._setup.domain.dim)
+        self._moved[chunk] = moved

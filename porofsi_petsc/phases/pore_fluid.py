@@ -12,8 +12,10 @@ from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
 from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
+from ..tensors import trace
 from .coupling_data import MeshState, Rates
 from .fluid import FluidPhase
+from .nodal_drag import drag_weight, dragged_part, product
 from .residual import Residual
 from .setup import PoreFluidSetup
 from .surface_terms import SurfaceTerms
@@ -40,7 +42,7 @@ class PoreFluid(FluidPhase):
         """Start a step; see `FluidPhase.begin_step`."""
         super().begin_step(scheme, rates, t, mesh_state)
         self.fluxes.begin_step(scheme, self._accepted_state(mesh_state, t))
-        self._weigh_drag(mesh_state)
+        self._drag_weight = drag_weight(self.domain, self.setup.materials, mesh_state.configuration)
 
     def _prescribe_pressure(self, p: np.ndarray, t: float) -> None:
         self.setup.pressure.apply(p[:, None], t)
@@ -66,7 +68,7 @@ class PoreFluid(FluidPhase):
         n = self.mesh.n_owned
         v_f = self._level(self.v, self._v1)[:n]
         u = mesh_state.displacement[:n]
-        return self._drag_weight[:, None] * np.maximum(np.abs(v_f), rates.c_v * np.abs(u))
+        return product(self._drag_weight, np.maximum(np.abs(v_f), rates.c_v * np.abs(u)))
 
     def force_per_rate(self, rates: Rates) -> float:
         """Return infinity: the drag and the skeleton resist, whatever force there is; see
@@ -74,50 +76,24 @@ class PoreFluid(FluidPhase):
         """
         return np.inf
 
-    def _weigh_drag(self, mesh_state):
-        """Set ∫ S dV of the elements of a node, each in equal parts to its nodes, (n_owned,) [N
-        s/m].
-        """
-        domain = self.domain
-        drag = np.empty(self.domain.n_cells)
-        for region, span in domain.region_slices.items():
-            configuration = mesh_state.configuration
-            drag[span] = (
-                self.setup.materials[region].drag(configuration.J[span])
-                * configuration.geometry.dV[span]
-            ).sum(axis=1)
-        self._drag_weight = self._nodal_sum(drag / domain.cells.shape[1])
-
-    def _nodal_sum(self, values):
-        """Return the sum of element values (E,) over the elements of a node, (n_owned,)."""
-        return self.domain.scatter_add(np.broadcast_to(values[:, None], self.domain.cells.shape))[
-            :, 0
-        ]
-
     def drag_along(self, change: np.ndarray) -> None:
-        """Add χ times a change of v_s, (n_local, d) [m/s], to v_f: what the drag does to it while
-        the pressure is as it was.
+        """Add what the drag does to v_f when v_s changes, (n_local, d) [m/s], while the pressure is
+        as it was: χ times the change.
 
         An exact solution of the block does not see it.  A lagged tangent or an iterative solver
         leaves a part of the right side, which therefore must not hold S Δv_s, up to 1e8 times any
         other force.
         """
         free = ~self.setup.mask[:, : self.mesh.dim]
-        self._v1 += np.where(free, self._chi[:, None] * change / self.scheme.alpha_f, 0.0)
+        carried = product(self._chi, change) / self.scheme.alpha_f
+        self._v1 += np.where(free, carried, 0.0)
         self._update_rates()
 
-    def dragged_fraction(self, mesh_state: MeshState, rates: Rates) -> np.ndarray:
-        """Return χ, the part of the fluid that the drag carries along, (n_local,): the mean of a
-        node's elements (collective).
-        """
-        domain = self.domain
-        chi = np.empty(domain.n_cells)
-        for region, span in domain.region_slices.items():
-            material = self.setup.materials[region]
-            J = mesh_state.configuration.J[span]
-            rho = material.fluid_fraction(J) * material.rho_fR
-            chi[span] = rates.dragged_fraction(material.drag(J), rho).mean(axis=1)
-        return self.mesh.halo.extend(self._nodal_sum(chi) / self._nodal_sum(np.ones_like(chi)))
+    def dragged_part(self, mesh_state: MeshState, rates: Rates) -> np.ndarray:
+        """Return χ of the nodes; see `nodal_drag.dragged_part` (collective)."""
+        free = ~self.setup.mask[:, : self.mesh.dim]
+        configuration = mesh_state.configuration
+        return dragged_part(self.domain, self.setup.materials, configuration, rates, free)
 
     # -- tangents ----------------------------------------------------------------------------------
 
@@ -128,16 +104,20 @@ class PoreFluid(FluidPhase):
             self._add_skeleton_answer(K, elements, material, mesh_state, rates, chunk)
 
     def _prepare_solver(self, mesh_state, rates, fields):
-        self._chi = self.dragged_fraction(mesh_state, rates)
+        self._chi = self.dragged_part(mesh_state, rates)
 
     def _add_skeleton_answer(self, values, elements, material, mesh_state, rates, chunk):
         """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure
         gradient the skeleton feels.
+
+        Of a χ with principal axes it takes the mean, since an approximation does here.
         """
-        chi = rates.dragged_fraction(elements.S, elements.rho)
+        chi = rates.dragged_fraction(elements.drag, elements.rho)
+        if chi.ndim > elements.n.ndim:
+            chi = trace(chi) / self.mesh.dim
         alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
         inertia = (
-            rates.moving_inertia(elements.S, material.rho_s, elements.rho)
+            material.rho_s * rates.c_a + rates.dragged_inertia(chi, elements.rho)
             if self.setup.has_auxiliary
             else 1.0
         )

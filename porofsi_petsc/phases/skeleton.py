@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..kernels import exchange, shape
+from ..tensors import plus_identity, weighted
 from .coupling_data import Flow
 from .setup import SkeletonSetup
 from .solid import SolidPhase
@@ -26,7 +27,8 @@ class Skeleton(SolidPhase):
     # -- tangents ----------------------------------------------------------------------------------
 
     def _inertia_weights(self, material, configuration, chunk, rates):
-        """Return the mass of the tangent times dV, (E, Q), None without any.
+        """Return the mass of the tangent times dV, (E, Q), or tensors (E, Q, d, d) of a drag with
+        principal axes; None without any.
 
         Corrected split: ρ_χ c_a, the inertia with the fluid that is dragged along, the drag itself
         as a force.  Plain split (the founding paper's block): ρ_s c_a and the derivative S c_v of
@@ -37,17 +39,19 @@ class Skeleton(SolidPhase):
             return self._plain_weights(material, configuration, chunk, rates)
         J = configuration.J[chunk]
         dV = configuration.geometry.dV[chunk]
-        S = material.drag(J)
+        drag = material.drag(J)
         inertia = material.rho_s * rates.c_a * self.domain.reference.dV[chunk]
         if split == "scaled":
-            return self._scaled_mass(material, inertia, J, S, dV, rates)
+            return self._scaled_mass(material, inertia, J, drag, dV, rates)
         if not (rates.c_a or rates.c_f):
             return None
         rho_f = material.fluid_fraction(J) * material.rho_fR
-        return inertia + rates.moving_inertia(S, 0.0, rho_f) * dV
+        dragged = rates.dragged_inertia(rates.dragged_fraction(drag, rho_f), rho_f)
+        return plus_identity(weighted(dV, dragged), inertia)
 
-    def _scaled_mass(self, material, inertia, J, S, dV, rates):
-        """Return the tangent's inertia times the factor of the papers' mass scaling, (E, Q).
+    def _scaled_mass(self, material, inertia, J, drag, dV, rates):
+        """Return the tangent's inertia times the factor of the papers' mass scaling, (E, Q), or
+        tensors.
 
         "optimal" is 1 + n_s ρ_fR/(n_f ρ_sR) + γ Δt (γ_fR/k_f)/(n_s ρ_sR), with the weights of the
         time schemes c_f c_v/c_a and c_v/c_a instead of 1 and γ Δt: ρ_s c_a + (n_s²/n_f) ρ_fR c_f
@@ -56,9 +60,8 @@ class Skeleton(SolidPhase):
         if self.setup.mass_scaling != "optimal":
             return self.setup.mass_scaling * inertia
         n = material.fluid_fraction(J)
-        return (
-            inertia + ((1 - n) ** 2 / n * material.rho_fR * rates.c_f + S / n**2) * rates.c_v * dV
-        )
+        added = (1 - n) ** 2 / n * material.rho_fR * rates.c_f
+        return plus_identity(weighted(rates.c_v * dV, drag.times(1 / n**2).plus(added)), inertia)
 
     def exchange_tangents(self) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial
@@ -69,12 +72,10 @@ class Skeleton(SolidPhase):
             material = self.setup.materials[region]
             J = configuration.J[chunk]
             n = material.fluid_fraction(J)
-            S = material.drag(J)
+            geometry = configuration.geometry.part(chunk)
             yield (
                 chunk,
-                exchange.solid_by_flow(
-                    self.domain.mass.N, configuration.geometry.part(chunk), n, S
-                ),
+                exchange.solid_by_flow(self.domain.mass.N, geometry, n, material.drag(J)),
             )
 
     def shape_tangents(self, flow: Flow) -> Iterator[tuple[slice, np.ndarray]]:
@@ -89,12 +90,12 @@ class Skeleton(SolidPhase):
             material = self.setup.materials[region]
             J = configuration.J[chunk]
             n = material.fluid_fraction(J)
-            S = material.drag(J)
+            drag = material.drag(J)
             derivatives = shape.VolumeDerivatives(*material.volume_derivatives(J))
             geometry = configuration.geometry.part(chunk)
             yield (
                 chunk,
                 shape.solid_by_geometry(
-                    domain.mass.N, geometry, n, S, derivatives, p[chunk], w[chunk]
+                    domain.mass.N, geometry, n, drag, derivatives, p[chunk], w[chunk]
                 ),
             )

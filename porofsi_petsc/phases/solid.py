@@ -11,7 +11,7 @@ from ..conditions import Slope, State
 from ..errors import ConvergenceError
 from ..fem.domain import Configuration
 from ..kernels import solid as kernel
-from ..kernels.assemble import add_isotropic, mass_matrix
+from ..kernels.assemble import add_mass
 from ..linalg.low_rank import Coupled
 from ..linalg.stopwatch import timed
 from ..materials.elastic import ElasticLaw
@@ -429,7 +429,7 @@ class SolidPhase:
             )
             mass = weights(material, configuration, chunk, rates)
             if mass is not None:
-                add_isotropic(K, mass_matrix(domain.mass.N, mass), self.mesh.dim)
+                add_mass(K, domain.mass.N, mass, self.mesh.dim)
             surfaces.add_to(K, chunk)
             yield chunk, K
 
@@ -451,14 +451,16 @@ class SolidPhase:
         return self.surfaces.tangents(self._surface_state, Slope(1.0, rates.c_v)).coupled
 
     def _inertia_weights(self, material, configuration, chunk, rates):
-        """Return the mass of the block's tangent times dV, (E, Q), None without any."""
+        """Return the mass of the block's tangent times dV, (E, Q), or tensors (E, Q, d, d) of a
+        drag with principal axes; None without any.
+        """
         return self._plain_weights(material, configuration, chunk, rates)
 
     def _plain_weights(self, material, configuration, chunk, rates):
-        """Return ρ_s c_a and the derivative S c_v of the drag, times dV, (E, Q)."""
-        S = material.drag(configuration.J[chunk])
+        """Return ρ_s c_a and the derivative S c_v of the drag, times dV."""
+        drag = material.drag(configuration.J[chunk])
         inertia = material.rho_s * rates.c_a * self.domain.reference.dV[chunk]
-        return inertia + S * rates.c_v * configuration.geometry.dV[chunk]
+        return drag.times(rates.c_v).times(configuration.geometry.dV[chunk]).plus(inertia)
 
     # -- end of a step -----------------------------------------------------------------------------
 

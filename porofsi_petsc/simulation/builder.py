@@ -17,6 +17,7 @@ from ..fem.essential import Dirichlet, Essential
 from ..fem.surface import Surface
 from ..linalg.stopwatch import Stopwatch
 from ..materials import ELASTIC, PERMEABILITY
+from ..materials.drag import Anisotropy
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
 from ..phases.surface_terms import OnSurface
@@ -66,7 +67,14 @@ def _material(entry, model):
         permeability=PERMEABILITY[entry.permeability.law](**entry.permeability.of_law()),
         viscosity=viscosity,
         variable_porosity=model.porosity == "variable",
+        anisotropy=_anisotropy(entry.permeability),
     )
+
+
+def _anisotropy(permeability):
+    """Return the principal axes of a permeability, None of an isotropic one."""
+    factors = permeability.anisotropy
+    return None if factors is None else Anisotropy(factors, permeability.principal_axes)
 
 
 def is_direct(mesh: LocalMesh) -> bool:

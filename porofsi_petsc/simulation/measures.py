@@ -374,7 +374,7 @@ class Measures:
             rho = n * material.rho_fR
             viscous = 4 * n * material.viscosity / domain.h[span, None] ** 2
             resistance = (
-                material.drag(J[span])
+                material.drag(J[span]).smallest
                 + viscous
                 + (rho * scheme.c_v if model.fluid_inertia else 0.0)
             )
@@ -418,7 +418,9 @@ class Measures:
                     material = self._materials[region]
                     h = self._fluid.h[span, None]
                     viscous = 4 * material.fluid_fraction(J[span]) * entry.fluid.viscosity / h**2
-                    ratio[span] = (viscous / material.drag(J[span])).max(axis=1, initial=0.0)
+                    ratio[span] = (viscous / material.drag(J[span]).smallest).max(
+                        axis=1, initial=0.0
+                    )
         return self._maximum(ratio)
 
 

@@ -96,7 +96,7 @@ def _diffusion(scene, coupling):
     where = cKDTree(np.vstack(domain.mesh.comm.allgather(domain.mesh.X[drained])))
     for region, material in _present(scene, domain):
         if 0 < material.n_s0 < 1:
-            c_v = material.elastic.oedometer_modulus / material.drag0
+            c_v = material.elastic.oedometer_modulus / material.drag(np.ones(1)).smallest[0]
             layer = np.sqrt(c_v * scene.time.step)
             line = f"{region}: c_v = {c_v:.3g} m²/s, the first step drains {layer:.3g} m"
             yield line + (

@@ -8,6 +8,7 @@ from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import flow
 from porofsi_petsc.materials import ELASTIC
+from porofsi_petsc.materials.drag import Anisotropy, Drag
 
 # Central differences of step h lose h² of truncation and eps/h of round-off: about 1e-9 relative at
 # h = 1e-6 of the scale.
@@ -15,6 +16,18 @@ FD_STEP = 1e-6
 FD_TOLERANCE = 2e-7
 RINGS = {f"ring of {name}": ELEMENTS[name].around_axis() for name in ("T3", "T6")}
 SHAPES = ELEMENTS | RINGS
+# A drag whose tensor has no zero entry: axes at 30° to those of the coordinates, in space to two.
+TURNED = {
+    2: Anisotropy((1.0, 0.2), ((0.75**0.5, 0.5), (-0.5, 0.75**0.5))),
+    3: Anisotropy(
+        (1.0, 0.2, 3.0),
+        (
+            (0.75**0.5, 0.5, 0.0),
+            (-(0.125**0.5), 0.375**0.5, 0.5**0.5),
+            (0.125**0.5, -(0.375**0.5), 0.5**0.5),
+        ),
+    ),
+}
 # Elements and laws: a loop asks the law for the stress at a point, whatever the element.
 ON_ELEMENTS = [
     (name, law)
@@ -50,7 +63,7 @@ def distorted(element, rng, count=3):
     return middle + 0.06 * rng.standard_normal((count, element.nodes, element.dim))
 
 
-def flow_chunk(element, rng, mu, convection):
+def flow_chunk(element, rng, mu, convection, anisotropy=None):
     """Return elements and fields of a random state with every coefficient of order one."""
     X = distorted(element, rng)
     rule = Rule.of(element, 2 * element.order)
@@ -77,7 +90,7 @@ def flow_chunk(element, rng, mu, convection):
         geometry=current,
         n=points() / 2,
         rho=points(),
-        S=points(),
+        drag=Drag(points(), anisotropy),
         mu=mu,
         tau=points(),
         tau_supg=points(),
@@ -105,5 +118,5 @@ def free_chunk(element, rng, mu, convection):
     None.
     """
     elements, fields = flow_chunk(element, rng, mu, convection)
-    free = dict(n=np.ones_like(elements.n), S=None, tau_u=None, grad_n=None, free=True)
+    free = dict(n=np.ones_like(elements.n), drag=None, tau_u=None, grad_n=None, free=True)
     return replace(elements, **free), {**fields, "v_s": None}
