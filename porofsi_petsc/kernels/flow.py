@@ -190,7 +190,7 @@ def _arguments(el, f):
         grad_n=plain(el.grad_n) if graded else np.empty((0, 0, 0)),
         hoop=np.empty((0, 0, 0)) if hoop is None else plain(hoop),
         convection=bool(el.convection),
-        drag=drag,
+        drag=drag and not tensor,
         undrained=undrained,
         curved=curved,
         graded=graded,

@@ -8,7 +8,7 @@ A nodes, d dimensions, m unknowns per node in the matrix; affine: gradients are 
 element, and G has one point; even: so are second derivatives by the reference coordinates, and
 hessian and bend have one; ring: the elements are rings around an axis, components r and z, and a
 gradient of a vector has a third diagonal entry, v_r/r, an index d in what follows; tensor: the drag
-is S D_ij, else S δ_ij.
+is S D_ij, and what it adds comes after the rest, so that loops for S δ_ij have nothing of it.
 """
 
 from collections.abc import Callable
@@ -37,9 +37,9 @@ class Elements(NamedTuple):
     """`flow.FlowElements` for a compiled loop: an array that is not there is empty, and a flag says
     so.
 
-    S (E, Q), D (d, d): the drag S D_ij; hoop (E, Q, A) of `fem.geometry.Geometry`; nodes (A, d) on
-    the reference cell, hessian (Q' A, d, d) and bend (E Q', d, d²) of
-    `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant;
+    D (d, d), empty for δ_ij; hoop (E, Q, A) of `fem.geometry.Geometry`; nodes (A, d) on the
+    reference cell, hessian (Q' A, d, d) and bend (E Q', d, d²) of
+    `fem.geometry.SecondDerivatives`, Q' = 1 where they are constant; drag: S δ_ij is there;
     fluctuation: the mean gradient is left out of the undrained term
     """
 
@@ -135,7 +135,6 @@ def set_point(
     affine: bool,
     even: bool,
     ring: bool,
-    tensor: bool,
     el: Elements,
     f: FlowFields,
     e: int,
@@ -168,7 +167,7 @@ def set_point(
     for i in range(d):
         x.residual[i] = x.acceleration[i] - el.rho[e, q] * f.b[e, q, i] + el.n[e, q] * x.grad_p[i]
     if el.drag:
-        _add_drag(A, d, tensor, el, f, e, q, x)
+        _add_drag(A, d, el, f, e, q, x)
     if el.curved:
         _set_inverse_jacobian(A, d, el, x)
         _subtract_viscous_force(A, d, even, ring, el, f, e, q, x)
@@ -206,27 +205,35 @@ def _add_convection(A, d, el, f, e, q, x):
 
 
 @inlined
-def _add_drag(A, d, tensor, el, f, e, q, x):
+def _add_drag(A, d, el, f, e, q, x):
     """Set w = v - v_s and add S w to the residual."""
     for i in range(d):
         w = 0.0
         for a in range(A):
             w += el.N[q, a] * (f.v[e, a, i] - f.v_s[e, a, i])
         x.w[i] = w
-        if not tensor:
-            x.residual[i] += el.S[e, q] * w
-    if tensor:
-        for i in range(d):
-            x.residual[i] += el.S[e, q] * _turned(d, el, x.w, i)
+        x.residual[i] += el.S[e, q] * w
 
 
 @inlined
-def _turned(d, el, w, i):
-    """Return (D w)_i."""
+def _add_tensor_drag(A, d, el, f, e, q, x):
+    """Set w = v - v_s and add S D w to the residual."""
+    for i in range(d):
+        w = 0.0
+        for a in range(A):
+            w += el.N[q, a] * (f.v[e, a, i] - f.v_s[e, a, i])
+        x.w[i] = w
+    for i in range(d):
+        x.residual[i] += _tensor_force(d, el, e, q, x, i)
+
+
+@inlined
+def _tensor_force(d, el, e, q, x, i):
+    """Return S (D w)_i."""
     total = 0.0
     for j in range(d):
-        total += el.D[i, j] * w[j]
-    return total
+        total += el.D[i, j] * x.w[j]
+    return el.S[e, q] * total
 
 
 @inlined
@@ -319,7 +326,9 @@ def points_loop(
         x = new_point(A, d, directions)
         for e in range(len(el.dV)):
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, ring, tensor, el, f, e, q, x)
+                set_point(A, d, affine, even, ring, el, f, e, q, x)
+                if tensor:
+                    _add_tensor_drag(A, d, el, f, e, q, x)
                 if ring:
                     grad_v[e, q, d, d] = x.grad_v[d, d]
                 for i in range(d):
@@ -353,8 +362,12 @@ def residual_loop(
         for e in range(len(terms)):
             terms[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, ring, tensor, el, f, e, q, x)
-                _set_balances(A, d, ring, tensor, el, f, e, q, x, D)
+                set_point(A, d, affine, even, ring, el, f, e, q, x)
+                if tensor:
+                    _add_tensor_drag(A, d, el, f, e, q, x)
+                _set_balances(A, d, ring, el, f, e, q, x, D)
+                if tensor:
+                    _set_tensor_drag(d, el, e, q, x, D)
                 if el.mu != 0.0:
                     _set_viscous_stress(d, ring, el, e, q, x, D)
                 if el.convection:
@@ -369,7 +382,7 @@ def residual_loop(
 
 
 @inlined
-def _set_balances(A, d, ring, tensor, el, f, e, q, x, D):
+def _set_balances(A, d, ring, el, f, e, q, x, D):
     """Set inertia, pressure, drag and body force, and skeleton, seepage and PSPG."""
     dV = el.dV[e, q]
     n = el.n[e, q]
@@ -386,8 +399,7 @@ def _set_balances(A, d, ring, tensor, el, f, e, q, x, D):
             D[0, PRESSURE * d + i] = dV * n * x.grad_p[i]
             D[1 + i, VOLUME * d + SEEPAGE] = -dV * n * x.w[i]
         if el.drag:
-            w = _turned(d, el, x.w, i) if tensor else x.w[i]
-            D[0, DRAG * d + i] = dV * el.S[e, q] * w
+            D[0, DRAG * d + i] = dV * el.S[e, q] * x.w[i]
         D[0, BODY * d + i] = -dV * el.rho[e, q] * f.b[e, q, i]
         D[1 + i, VOLUME * d + PSPG] = dV * el.tau[e, q] * n * x.residual[i]
     if ring:
@@ -395,6 +407,13 @@ def _set_balances(A, d, ring, tensor, el, f, e, q, x, D):
         if el.free:
             D[1 + d, PRESSURE * d] = -dV * p
     D[0, VOLUME * d + SKELETON] = dV * div
+
+
+@inlined
+def _set_tensor_drag(d, el, e, q, x, D):
+    """Set the drag S D w."""
+    for i in range(d):
+        D[0, DRAG * d + i] = el.dV[e, q] * _tensor_force(d, el, e, q, x, i)
 
 
 @inlined
@@ -494,8 +513,12 @@ def tangent_loop(
         for e in range(len(K)):
             K[e] = 0.0
             for q in range(len(el.N)):
-                set_point(A, d, affine, even, ring, tensor, el, f, e, q, x)
-                _set_derivatives(A, d, even, ring, tensor, el, e, q, c_f, x, D)
+                set_point(A, d, affine, even, ring, el, f, e, q, x)
+                if tensor:
+                    _add_tensor_drag(A, d, el, f, e, q, x)
+                _set_derivatives(A, d, even, ring, el, e, q, c_f, x, D)
+                if tensor:
+                    _add_tensor_derivatives(A, d, el, e, q, x, D)
                 add_point(A, directions, columns, el.N, q, x.g, flat, e, K)
             if el.undrained:
                 _set_mean_gradient(A, d, el, e, x)
@@ -506,7 +529,7 @@ def tangent_loop(
 
 
 @inlined
-def _set_derivatives(A, d, even, ring, tensor, el, e, q, c_f, x, D):
+def _set_derivatives(A, d, even, ring, el, e, q, c_f, x, D):
     """Set the derivatives of the densities times dV by v_bk and p_b: D[0] that of A_i, D[1 + j]
     that of B_ij, rows i <= d.
 
@@ -525,7 +548,7 @@ def _set_derivatives(A, d, even, ring, tensor, el, e, q, c_f, x, D):
         lsic = dV * n * n * el.nu_lsic[e, q]
     for b in range(A):
         N = el.N[q, b]
-        _set_strong(d, tensor, el, e, q, b, c_f, x)
+        _set_strong(d, el, e, q, b, c_f, x)
         for i in range(d):
             for k in range(d):
                 D[0, i, b, k] = dV * x.strong[i, k]
@@ -559,6 +582,22 @@ def _set_derivatives(A, d, even, ring, tensor, el, e, q, c_f, x, D):
 
 
 @inlined
+def _add_tensor_derivatives(A, d, el, e, q, x, D):
+    """Add what dr_i/dv_bk = S D_ik N_b adds to the derivatives of the densities times dV."""
+    dV = el.dV[e, q]
+    pspg = dV * el.tau[e, q] * el.n[e, q]
+    supg = dV * el.tau_supg[e, q] * el.rho[e, q] if el.convection else 0.0
+    for b in range(A):
+        for i in range(d):
+            for k in range(d):
+                strong = el.S[e, q] * el.D[i, k] * el.N[q, b]
+                D[0, i, b, k] += dV * strong
+                D[1 + i, d, b, k] += pspg * strong
+                for j in range(d):
+                    D[1 + j, i, b, k] += supg * x.c[j] * strong
+
+
+@inlined
 def _add_hoop_derivatives(d, el, dV, N, b, viscous, lsic, x, D):
     """Add v_br N_b/r to the divergences, and set the derivatives of the stress around the axis,
     that of the radial component.
@@ -574,12 +613,12 @@ def _add_hoop_derivatives(d, el, dV, N, b, viscous, lsic, x, D):
 
 
 @inlined
-def _set_strong(d, tensor, el, e, q, b, c_f, x):
+def _set_strong(d, el, e, q, b, c_f, x):
     """Set dr_i/dv_bk without viscosity."""
     N = el.N[q, b]
     rho = el.rho[e, q]
     isotropic = rho * c_f * N
-    if el.drag and not tensor:
+    if el.drag:
         isotropic += el.S[e, q] * N
     for i in range(d):
         for k in range(d):
@@ -589,10 +628,6 @@ def _set_strong(d, tensor, el, e, q, b, c_f, x):
             isotropic += rho * x.c[j] * x.g[b, j]
     for i in range(d):
         x.strong[i, i] += isotropic
-    if el.drag and tensor:
-        for i in range(d):
-            for k in range(d):
-                x.strong[i, k] += el.S[e, q] * N * el.D[i, k]
 
 
 @inlined
