@@ -12,6 +12,7 @@ from kernel_states import (
     FD_TOLERANCE,
     RINGS,
     SHAPES,
+    TURNED,
     central_difference,
     distorted,
     free_chunk,
@@ -23,6 +24,7 @@ from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, SecondDerivatives, geometry
 from porofsi_petsc.kernels import exchange, flow, shape
 from porofsi_petsc.kernels.surface import facet_normal, surface_load
+from porofsi_petsc.materials.drag import Drag
 from porofsi_petsc.mesh.topology import add_midside_nodes, boundary_facets, cell_facets
 
 
@@ -62,10 +64,20 @@ def test_tangents_of_a_flow_through_a_solid_are_the_derivatives(name, convection
     """With the drag of a porous solid: by (v, p), and by the solid's positions through v_s
     alone.
     """
+    compare_tangents_through_a_solid(name, convection, None)
+
+
+@pytest.mark.parametrize("name", ["T3", "T4"])
+def test_tangents_of_a_flow_through_a_solid_with_axes_are_the_derivatives(name):
+    compare_tangents_through_a_solid(name, True, TURNED[SHAPES[name].dim])
+
+
+def compare_tangents_through_a_solid(name, convection, anisotropy):
+    """Compare both with central differences of the residual."""
     rng = np.random.default_rng(16)
     el, z = free_chunk(SHAPES[name], rng, 0.7, convection)
     el, v_s, d, c_v = (
-        replace(el, S=el.rho + 1.0),
+        replace(el, drag=Drag(el.rho + 1.0, anisotropy)),
         rng.standard_normal(z["v"].shape),
         el.geometry.G.shape[-1],
         2.3,
@@ -234,7 +246,10 @@ def test_free_form_is_the_porous_one_without_skeleton_where_boundary_integrals_v
     grad_n = None if patch.el.second is None else no_skeleton
     free = patch.residual(patch.el, v, p[:, 0], a)
     porous = patch.residual(
-        replace(patch.el, free=False, S=np.zeros_like(patch.el.n), grad_n=grad_n), v, p[:, 0], a
+        replace(patch.el, free=False, drag=Drag(np.zeros_like(patch.el.n)), grad_n=grad_n),
+        v,
+        p[:, 0],
+        a,
     )
     assert np.abs(free[:, -1]).max() > 1e-3  # there is something to compare
     assert relative(free, porous) < 1e-13

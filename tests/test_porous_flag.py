@@ -111,6 +111,23 @@ def test_flow_through_a_plug_obeys_darcy_and_loads_the_solid(tmp_path):
         )  # 100 times the coupling's 1e-6 over a drag of 6e5 Pa: round-off
 
 
+def test_along_an_axis_of_the_plug_its_factor_counts(tmp_path):
+    """Axes at 90°: along the channel the permeability is 0.2 K, and Darcy's drop five times that of
+    K, exactly.
+    """
+    axes = "anisotropy=[1.0, 0.2]", "angle=90.0"
+    computed = last(tmp_path, *(f"material.1.permeability.{key}" for key in axes))
+    assert computed["inlet.p"] == pytest.approx(MU * U * LENGTH / (0.2 * K), rel=1e-8)
+    assert computed["face.vf_x"] == pytest.approx(U, rel=1e-8)
+
+
+def test_newton_solves_a_plug_with_turned_axes_at_once(tmp_path):
+    """The equations are linear here: one step, and one for the round-off of the largest drag."""
+    axes = "anisotropy=[1.0, 0.2]", "angle=30.0"
+    computed = last(tmp_path, *(f"material.1.permeability.{key}" for key in axes))
+    assert computed["coupling_iterations"] <= 2
+
+
 def test_an_open_plug_is_not_there(tmp_path):
     """At K = 1e3 m² the drop is 1e-9 of that at 1e-6."""
     computed = last(tmp_path, "material.1.permeability.intrinsic=1e3")

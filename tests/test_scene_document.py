@@ -103,6 +103,8 @@ def kind_of(annotation):
 
 def _list_of(annotation):
     word = kind_of(annotation)
+    if word.startswith("list"):
+        return "list of lists" + word[len("list") :]
     return "list of " + ("names" if word.startswith('"') else word + "s")
 
 
