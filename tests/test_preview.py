@@ -42,6 +42,11 @@ def test_consolidation_in_numbers():
     assert "no boundary is drained" in said(COLUMN, 'boundary.2={on="top", traction={y=-1e5}}')
 
 
+def test_consolidation_is_told_along_the_most_permeable_axis():
+    text = said(COLUMN, "material.0.permeability.anisotropy=[0.1, 2.0]")
+    assert "c_v = 0.024 m²/s along the most permeable axis" in text
+
+
 def test_terms_steps_and_loads():
     text = said(
         COLUMN, "time.growth=2.0", "time.step=0.1", "time.max_step=0.4", 'model.convection="auto"'

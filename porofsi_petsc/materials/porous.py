@@ -111,6 +111,13 @@ class PorousMaterial:
         slope = np.imag(self._drag_scale(J * (1 + 1e-30j))) / 1e-30
         return self.fluid_fraction_slope(J), Drag(slope, self.anisotropy)
 
+    @property
+    def mobility(self) -> float:
+        """Return k_f/γ_fR = K/μ_f along the most permeable axis in the reference configuration
+        [m^4/(N s)].
+        """
+        return (max(self.anisotropy.factors) if self.anisotropy else 1.0) / self.drag0
+
     def open_pores(self, J: np.ndarray) -> np.ndarray:
         """Return where the pores are open, J > n_s0, (bool, the shape of J); everywhere when
         nothing depends on it.

@@ -96,9 +96,12 @@ def _diffusion(scene, coupling):
     where = cKDTree(np.vstack(domain.mesh.comm.allgather(domain.mesh.X[drained])))
     for region, material in _present(scene, domain):
         if 0 < material.n_s0 < 1:
-            c_v = material.elastic.oedometer_modulus / material.drag(np.ones(1)).smallest[0]
+            c_v = material.elastic.oedometer_modulus * material.mobility
             layer = np.sqrt(c_v * scene.time.step)
-            line = f"{region}: c_v = {c_v:.3g} m²/s, the first step drains {layer:.3g} m"
+            where_most = " along the most permeable axis" if material.anisotropy else ""
+            line = (
+                f"{region}: c_v = {c_v:.3g} m²/s{where_most}, the first step drains {layer:.3g} m"
+            )
             yield line + (
                 _drainage(domain, region, drained, where, c_v, layer)
                 if where.n
