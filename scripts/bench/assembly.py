@@ -37,6 +37,7 @@ from porofsi_petsc.fem.domain import Domain  # noqa: E402
 from porofsi_petsc.kernels import flow, flow_loops, solid  # noqa: E402
 from porofsi_petsc.linalg.matrix import ElementMatrix  # noqa: E402
 from porofsi_petsc.materials import ELASTIC  # noqa: E402
+from porofsi_petsc.materials.drag import Drag  # noqa: E402
 from porofsi_petsc.mesh import box, rectangle  # noqa: E402
 
 MU, LAM = 1.0, 4.0  # [Pa]
@@ -227,7 +228,7 @@ class Flow(Problem):
             geometry=domain.reference.part(chunk),
             n=one,
             rho=RHO * one,
-            S=VISCOSITY / PERMEABILITY * one,
+            drag=Drag(VISCOSITY / PERMEABILITY * one),
             mu=VISCOSITY,
             tau=tau,
             tau_supg=tau,
