@@ -123,8 +123,37 @@ def test_what_breaks_the_contract_is_refused():
     class Nowhere(Spring):
         behind = ()
 
-    for broken, message in ((Soft, "not the slope"), (Nowhere, "names no kind")):
+    class Empty(SurfaceCondition):
+        behind = ("solid",)
+
+    class Forgetful(Spring):
+        def bind(self, surface):
+            super().bind(surface)
+            self._pulled = 0.0
+
+        def residual(self, state):
+            return super().residual(state) + self._pulled
+
+        def accept(self, state):
+            self._pulled = self.surface.sum(self.surface.gather(state.u).sum(axis=(1, 2)))
+
+    refused = (
+        (Soft, "not the slope"),
+        (Nowhere, "received behind = "),
+        (Empty, "has no `residual`"),
+        (Forgetful, "do not hold all that a restart needs"),
+    )
+    for broken, message in refused:
         with pytest.raises(ValueError, match=message):
             check_condition(dataclass(broken))
+
+
+def test_a_class_without_its_decorator_is_told_so():
+    class Bare(SurfaceCondition):
+        behind = ("solid",)
+        stiffness: float = parameter("Pa/m", "k", above=0.0, example=3.0)
+
+    with pytest.raises(ValueError, match="decorate the class with @dataclass"):
+        check_condition(Bare)
     with pytest.raises(ValueError, match="boundary condition 'pressure': expected another name"):
         CONDITIONS.register("pressure")(Spring)

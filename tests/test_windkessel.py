@@ -152,6 +152,20 @@ def test_a_consistent_start_leaves_its_pressure(tmp_path):
     assert found[1] != 50.0
 
 
-def test_it_excludes_a_velocity_on_its_surface(tmp_path):
-    with pytest.raises(InputError, match="has boundary.1.velocity.y already, which excl"):
-        run_here(Job(SCENE, str(tmp_path), (outlet(), "boundary.1.velocity.y=0.0")))
+def test_with_a_velocity_along_it_the_flow_leaves_as_it_came(tmp_path):
+    """Without, the traction along the outlet is zero, which is not Poiseuille's flow."""
+    steady = ("model.fluid_inertia=false", "time.scheme=steady", "mesh.order=2")
+    viscous = ("model.viscosity=true", "material.0.fluid.viscosity=1.0", "mesh.y.cells=[2]")
+    inlet = "boundary.0={on='left', traction={x=640.0}, velocity={y=0.0}}"
+    walls = "boundary.2.velocity={x=0.0, y=0.0}"
+    sides = outlet(), "boundary.1.velocity.y=0.0", inlet, walls
+    run_here(Job(SCENE, str(tmp_path), (*steady, *viscous, *sides)))
+    Q = history(tmp_path)["right.flow_rate"][-1]
+    exact = 640 / (R_P + R_D + 12 * 1.0 * LENGTH / HEIGHT**3)
+    assert Q == pytest.approx(exact, rel=1e-9)  # quadratic elements have it
+
+
+def test_it_excludes_a_normal_velocity_on_its_surface(tmp_path):
+    message = r"boundary.1.windkessel\]: tag 'right' has a prescribed normal velocity"
+    with pytest.raises(InputError, match=message):
+        run_here(Job(SCENE, str(tmp_path), (outlet(), "boundary.1.velocity.x=0.0")))

@@ -89,6 +89,7 @@ class SurfaceCondition:
     "displacement", "velocity" or "traction" component by component where it has components itself;
     columns : what the history records of a surface -> unit; otherwise : what to do where another
     material is behind the surface; dead : whether the residual depends on the time alone;
+    wants_flow : whether a prescribed normal velocity would leave it without effect;
     holds : whether it resists every displacement of the surface, as a spring does, so that nothing
     else has to hold a body without inertia
     """
@@ -99,6 +100,7 @@ class SurfaceCondition:
     columns: ClassVar[Mapping[str, str]] = {}
     otherwise: ClassVar[str] = "leave it out"
     dead: ClassVar[bool] = False
+    wants_flow: ClassVar[bool] = False
     holds: ClassVar[bool] = False
 
     def bind(self, surface: Surface) -> None:

@@ -1,6 +1,8 @@
 """What the rest of the package takes for granted of a condition, looked at on registration."""
 
+import dataclasses
 import itertools
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,18 +102,52 @@ def check_condition(condition: type[SurfaceCondition]) -> None:
     number, for each node of a facet; its tangent, local and of low rank, is the slope of the
     residual; it records what its columns name.
     """
-    if not condition.behind:
-        raise ValueError("`behind` names no kind of material")
+    _check_class(condition)
     for dim, kind in itertools.product((2, 3), condition.behind):
         body = sample(condition, dim, kind)
         k = dim if condition.balance == "momentum" else 1
-        residual = body.residual(sample_state(dim))
-        if residual.shape != (*body.surface.nodes.shape, k) or not np.isfinite(residual).all():
-            raise ValueError(f"the residual is not a finite array {body.surface.nodes.shape, k}")
+        residual = np.asarray(body.residual(sample_state(dim)))
+        wanted = (*body.surface.nodes.shape, k)
+        if residual.shape != wanted:
+            raise ValueError(f"received a residual of shape {residual.shape}, expected {wanted}")
+        if not np.isfinite(residual).all():
+            raise ValueError("received a residual that is not finite")
+        _check_memory(condition, dim, kind)
         if len(body.recorded()) != len(condition.columns):
             raise ValueError("`recorded` has not one value for each of `columns`")
         if condition.balance == "momentum":
             _check_tangent(condition, dim, kind)
+
+
+def _check_class(condition):
+    """Raise ValueError where the class itself is not what a registry wants."""
+    if not dataclasses.is_dataclass(condition) or "__init__" not in vars(condition):
+        raise ValueError("expected a dataclass; decorate the class with @dataclass")
+    plain = {field.name for field in dataclasses.fields(condition)} - set(parameters(condition))
+    if plain:
+        raise ValueError(f"the field '{min(plain)}' is no parameter; give it by `parameter(...)`")
+    behind = condition.behind
+    if isinstance(behind, str) or not behind or set(behind) - set(BY):
+        raise ValueError(f"received behind = {behind!r}, expected a tuple of {', '.join(BY)}")
+    if condition.residual is SurfaceCondition.residual:
+        raise ValueError("it has no `residual`")
+
+
+def _check_memory(condition, dim, kind):
+    """Raise ValueError where a condition that is loaded goes on otherwise than the one whose memory
+    it has.
+    """
+    first, second = (sample(condition, dim, kind) for _ in range(2))
+    first.accept(sample_state(dim))
+    second.load(json.loads(json.dumps(first.memory())))
+    scheme = first_order if kind == "fluid" else second_order
+    state = sample_state(dim)
+    for body in (first, second):
+        body.begin_step(scheme(0.5, 0.1), state._replace(t=0.1))
+    later = state._replace(t=0.17, u=1.1 * state.u, v=0.9 * state.v)
+    same = np.array_equal(first.residual(later), second.residual(later))
+    if not same or tuple(first.recorded()) != tuple(second.recorded()):
+        raise ValueError("`memory` and `load` do not hold all that a restart needs")
 
 
 def sample_state(dim: int) -> State:

@@ -418,10 +418,22 @@ class Scene(Table):
                     f"received {len(probe.at)} coordinates, expected {self.dim}", f"probe.{i}.at"
                 )
             for quantity in probe.quantities:
+                self._require_phase_of(quantity, f"probe.{i}.quantities")
                 if self.dim == 2 and quantity.endswith("_z"):
                     raise wrong(
                         f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities"
                     )
+
+    def _require_phase_of(self, quantity, key):
+        """Refuse the motion of a solid, or of a mesh, where there is none."""
+        name, _, axis = quantity.rpartition("_")
+        if name in ("u", "v") and not (self.phases[0] or self.model.moving_mesh):
+            advice = f"; did you mean 'vf_{axis}'?" if name == "v" else ""
+            raise wrong(
+                f"received '{quantity}' with a free fluid alone, whose mesh is at rest, expected"
+                f" p or a component of vf{advice}",
+                key,
+            )
 
     def _check_reference(self):
         if self.reference is None:

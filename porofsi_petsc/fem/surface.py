@@ -24,6 +24,7 @@ class Surface:
         behind = np.flatnonzero(domain.row_of_cell[facets.cells] >= 0)
         cells = facets.cells[behind]
         self.tag = tag
+        self.comm = mesh.comm
         self.rows = domain.row_of_cell[cells]
         self.local = np.array(domain.element.facets)[facets.local[behind]]
         self.nodes = domain.cells[self.rows[:, None], self.local]

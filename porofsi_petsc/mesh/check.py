@@ -277,8 +277,8 @@ def require_every_tag(tags: Iterable[str], used: Collection[str], where: Where) 
     for tag in tags:
         if tag not in used:
             advice = (
-                f"add an entry with on = '{tag}' (with nothing else it is free of traction and"
-                " impermeable)"
+                f"add an entry with on = '{tag}' (with nothing else it is free of traction; a"
+                " porous medium is impermeable there, a free fluid flows through)"
             )
             raise InputError(
                 f"{where} [[boundary]]: the boundary '{tag}' of the mesh has no entry; {advice}"

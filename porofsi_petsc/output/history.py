@@ -141,11 +141,13 @@ def _cut(path, columns, time):
 
 
 def read_history(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """Return dict column -> (rows,) float array of a history.csv; a torn last line is left out.
+    """Return dict column -> (rows,) float array of a history.csv, or of that in the directory of a
+    run; a torn last line is left out.
 
     Raises InputError when there is no such file or it is not a history.
     """
     path = Path(path)
+    path = path / NAME if path.is_dir() else path
     if not path.is_file():
         raise InputError(
             f"{path}: no such file, expected the history.csv of a run; give the result directory of"

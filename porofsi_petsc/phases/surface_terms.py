@@ -1,5 +1,6 @@
 """What the conditions on its surfaces add to the balances of a phase."""
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 
 from ..clock import Scheme
 from ..conditions import Slope, State, SurfaceCondition
+from ..errors import InputError
 from ..fem.surface import Surface
 from ..linalg.low_rank import Coupled
 
@@ -80,9 +82,22 @@ class SurfaceTerms:
             place.condition.accept(state)
 
     def memory(self) -> dict[str, Any]:
-        """Return the numbers a restart needs, by the places of the conditions that have some."""
+        """Return the numbers a restart needs, by the places of the conditions that have some;
+        raises InputError where they are not the same on all ranks (collective).
+        """
         found = {place.key: place.condition.memory() for place in self.places}
+        for place in self.places:
+            self._require_one_memory(place, found[place.key])
         return {key: memory for key, memory in found.items() if memory}
+
+    def _require_one_memory(self, place, memory):
+        everywhere = set(place.surface.comm.allgather(json.dumps(memory, sort_keys=True)))
+        if len(everywhere) > 1:
+            raise InputError(
+                f"[{place.key}]: received from `memory` other numbers on each rank, expected the"
+                " same on all of them, as those of the whole surface are; run on one rank, or keep"
+                " what `Surface.sum` returns"
+            )
 
     def load(self, memory: dict[str, Any]) -> None:
         """Continue from `memory`."""

@@ -28,6 +28,7 @@ from ..phases.setup import ElasticSolidSetup, FreeFluidSetup, MeshSetup
 from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
+from .drainage import holds_normal
 from .start import put_at_start
 
 # Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for
@@ -210,11 +211,13 @@ class InterfaceBuilder(Builder):
         """
         domain = self._fluid_domain
         given = self.essentials("velocity", self._fluid_tags)
+        surfaces = self.surfaces(domain, "momentum", self._fluid_tags)
+        self._require_flow(surfaces, given)
         known = self._known[1]
         return FreeFluidSetup(
             moving_mesh=self._moving,
             velocity=self._velocity,
-            surfaces=self.surfaces(domain, "momentum", self._fluid_tags),
+            surfaces=surfaces,
             no_slip=self.transfer.fluid_nodes,
             robin=None if self._pair == "dirichlet_neumann" else self._masses[0],
             held=self._held,
@@ -222,6 +225,20 @@ class InterfaceBuilder(Builder):
             **self.of_fluid(),
             **self.common(domain, self._fluids, "fluid", "plain"),
         )
+
+    def _require_flow(self, surfaces, given):
+        """Raise InputError where the flow through a condition that wants it is prescribed
+        (collective).
+        """
+        for place in surfaces:
+            held = sorted({entry.component for entry in given if entry.tag == place.surface.tag})
+            if place.condition.wants_flow and holds_normal(self.mesh, place.surface.tag, held):
+                key, _, tag = place.key.rpartition(":")
+                raise InputError(
+                    f"{self.scene.source_path or 'scene'} [{key}]: tag '{tag}' has a prescribed"
+                    " normal velocity, beside which it is without effect; prescribe the components"
+                    " along the surface alone, or none"
+                )
 
     def conditions(self) -> InterfaceConditions:
         """Return the `coupling.robin.InterfaceConditions` of the interface."""

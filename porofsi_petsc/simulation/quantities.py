@@ -4,6 +4,7 @@ import numpy as np
 
 from ..config import Scene
 from ..coupling.interface import InterfaceMedium
+from ..errors import InputError
 from ..quantities import QUANTITIES
 from .auto import AnyMedium
 from .fields import Fields
@@ -71,8 +72,19 @@ class Quantities:
         found = {}
         for name in sorted(self._asked & QUANTITIES.keys()):
             quantity = QUANTITIES[name]()
-            nodal = self._mesh.halo.extend(np.asarray(quantity.values(fields))[:, None])
+            values = np.asarray(quantity.values(fields), dtype=float)
+            if values.shape != (self._mesh.n_owned,):
+                raise InputError(
+                    f"probe quantity '{name}': received values of shape {values.shape}, expected"
+                    f" ({self._mesh.n_owned},), a number for each node"
+                )
+            nodal = self._mesh.halo.extend(values[:, None])
             found[name] = places[quantity.behind].evaluate(nodal)[:, 0]
+            if not np.isfinite(found[name]).all():
+                raise InputError(
+                    f"probe quantity '{name}': received a value that is not finite at a probe,"
+                    " expected numbers"
+                )
         return found
 
     def _probe_fields(self):
