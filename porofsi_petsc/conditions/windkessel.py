@@ -16,8 +16,10 @@ class Windkessel(SurfaceCondition):
     """Pressure of three elements on an outlet, σ n = -(R_p Q + P) n, C dP/dt = Q - (P - P_d)/R_d, Q
     the flow out of it (Westerhof, Lankhaar & Westerhof 2009).
 
-    Without C it is a resistance R_p + R_d.  In 2-D Q is that of one metre of thickness.  P follows
-    the fluid's own time scheme.
+    Without C it is a resistance R_p + R_d.  The traction along the outlet is zero, which turns the
+    flow towards walls without slip: prescribe the velocity along it, zero, where the flow is that
+    of a long pipe.  In 2-D Q is that of one metre of thickness.  P follows the fluid's own time
+    scheme.
     """
 
     behind = ("fluid",)
