@@ -4,6 +4,7 @@ against differences, schemes and ranks against each other, and what is refused.
 
 import numpy as np
 import pytest
+from kernel_states import TURNED
 from mpi4py import MPI
 from running import ROOT, SCENES, Job, history, needs_mpirun, run_here, run_on
 from small_media import DARCY, FD_TOLERANCE, VARIABLE, in_motion
@@ -13,6 +14,7 @@ from porofsi_petsc import load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.exact import Terzaghi
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.materials.drag import Drag
 from porofsi_petsc.output.history import read_history
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.simulation import Simulation
@@ -39,6 +41,24 @@ def stepped(name, *overrides):
     coupling.step(schemes, rates, 0.0, 1)
     coupling.accept()
     return coupling
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_drag_with_axes_is_that_tensor(d):
+    """Along e_m it is s/a_m, and what it carries along is S (S + m I)⁻¹."""
+    anisotropy = TURNED[d]
+    scale, mass = np.array([[1.0, 3.0]]), np.array([[0.5, 1e3]])
+    drag = Drag(scale, anisotropy)
+    for factor, axis in zip(anisotropy.factors, np.array(anisotropy.axes), strict=True):
+        force = drag.on(np.broadcast_to(axis, (1, 2, d)))
+        assert force == pytest.approx(scale[..., None] * axis / factor, rel=1e-13, abs=1e-13)
+    S = drag.plus(0.0)
+    with_mass = S + mass[..., None, None] * np.eye(d)
+    assert drag.plus(mass) == pytest.approx(with_mass, rel=1e-13)
+    assert drag.carried(mass) == pytest.approx(S @ np.linalg.inv(with_mass), rel=1e-12, abs=1e-13)
+    values = np.linalg.eigvalsh(S)
+    assert drag.smallest == pytest.approx(values[..., 0], rel=1e-13)
+    assert drag.largest == pytest.approx(values[..., -1], rel=1e-13)
 
 
 @pytest.mark.parametrize("cells", ["triangle", "quadrilateral"])
@@ -119,14 +139,29 @@ PULSE = (
 )
 
 
+SOIL = (
+    "porosity=0.33, solid={law='neo_hookean', lambda=8.375e6, mu=5.583e6, density=2000.0},"
+    " fluid={density=1000.0, specific_weight=1e4}"
+)
+BESIDE_ISOTROPIC = (
+    "mesh.regions=[{name='core', x=[10.0, 11.0]}]",
+    f"material=[{{region='body', {SOIL}, permeability={{law='constant', k=1e-2}}}},"
+    f" {{region='core', {SOIL}, permeability={{law='constant', k=1e-3, anisotropy=[1.0, 0.1],"
+    " angle=30.0}}]",
+)
+
+
 @pytest.mark.parametrize("k", ["1e-2", "1e-8"])
 @pytest.mark.parametrize(
     "scene, overrides",
-    [("pulse2d", (*PULSE, *PLANE)), (BLOCK3D, ("time.end=0.002", *PULSE[-2:], *SPACE))],
-    ids=["plane", "space"],
+    [
+        ("pulse2d", (*PULSE, *PLANE)),
+        ("pulse2d", (*PULSE, *BESIDE_ISOTROPIC)),
+        (BLOCK3D, ("time.end=0.002", *PULSE[-2:], *SPACE)),
+    ],
+    ids=["plane", "beside an isotropic one", "space"],
 )
 def test_the_partitioned_solution_is_the_monolithic_one(tmp_path, scene, overrides, k):
-    """Up to the tolerance times the condition of a step, see `test_monolithic`."""
     jobs = [
         Job(
             scene, str(tmp_path / scheme), (*overrides, f"coupling.scheme={scheme}", LAW + f"k={k}")
@@ -135,6 +170,11 @@ def test_the_partitioned_solution_is_the_monolithic_one(tmp_path, scene, overrid
     ]
     for job in jobs:
         run_here(job)
+    compare(*jobs)
+
+
+def compare(*jobs):
+    """Compare the histories of two jobs, up to the tolerance times the condition of a step."""
     one, other = (history(job.directory) for job in jobs)
     for column in set(one) - {"t", "coupling_iterations"}:
         assert np.abs(one[column] - other[column]).max() <= 1e-8 * np.abs(one[column]).max(), column
@@ -156,9 +196,7 @@ def test_two_ranks_solve_like_one(tmp_path):
     jobs = [Job("pulse2d", str(tmp_path / str(n)), (*PULSE, *PLANE)) for n in (1, 2)]
     run_here(jobs[0])
     run_on(2, [jobs[1]], tmp_path)
-    one, two = (history(job.directory) for job in jobs)
-    for column in set(one) - {"t", "coupling_iterations"}:
-        assert np.abs(one[column] - two[column]).max() <= 1e-8 * np.abs(one[column]).max(), column
+    compare(*jobs)
 
 
 REFUSED = {
