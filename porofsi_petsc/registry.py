@@ -110,9 +110,14 @@ class Registry(Mapping[str, Any]):
         """
 
         def add(law: type) -> type:
+            before = dict(self._all)
             self._add(name, law)
-            for tell in self.changed:
-                tell()
+            try:
+                self._tell()
+            except Exception as error:
+                self._laws = before
+                self._tell()
+                raise ValueError(f"{self._kind} '{name}': {error}") from error
             return law
 
         return add
@@ -120,6 +125,13 @@ class Registry(Mapping[str, Any]):
     def forget(self, name: str) -> None:
         """Take a name out again."""
         del self._laws[name]
+        self._tell()
+
+    def reserve(self, names: Iterable[str]) -> None:
+        """Refuse more names from now on."""
+        self._reserved |= frozenset(names)
+
+    def _tell(self):
         for tell in self.changed:
             tell()
 

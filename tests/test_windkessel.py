@@ -33,19 +33,40 @@ def errors(folder, steps, reference, *changes):
 
 
 def given_flow(t):
-    """Return pressure and flow where the inflow is 0.3 m/s from the start."""
-    Q = 0.3 * HEIGHT
-    return R_P * Q + R_D * Q * (1 - np.exp(-t / (R_D * C))), np.full_like(t, Q)
+    """Return pressure and flow where the inflow is 0.3 + 0.2 sin 3t m/s."""
+    tau, w = R_D * C, 3.0
+    decay = np.exp(-t / tau)
+    wave = (np.sin(w * t) - w * tau * (np.cos(w * t) - decay)) / (1 + (w * tau) ** 2)
+    Q = HEIGHT * (0.3 + 0.2 * np.sin(w * t))
+    return R_P * Q + R_D * HEIGHT * (0.3 * (1 - decay) + 0.2 * wave), Q
 
 
 def test_pressure_of_a_given_flow_converges_with_order_two(tmp_path):
-    change = outlet(), "boundary.0.velocity.x=0.3", "initial.fluid_velocity.x=0.3"
+    change = outlet(), "boundary.0.velocity.x='0.3 + 0.2*sin(3*t)'", "initial.fluid_velocity.x=0.3"
     coarse, fine = (errors(tmp_path, n, given_flow, *change) for n in (16, 32))
     order = np.log2(coarse[0] / fine[0])
     print(f"errors of p {coarse[0]:.1e}, {fine[0]:.1e}, order {order:.2f}; of Q {fine[1]:.0e}")
     assert order > 1.9
     assert fine[0] < 1e-3
     assert fine[1] < 1e-12  # the flow is given
+
+
+@pytest.mark.parametrize("compliance", [0.0, 1e-14, C, 1e3])
+def test_pressure_of_a_constant_flow_is_exact(tmp_path, compliance):
+    """However stiff or soft the outlet is: it neither rings nor loses digits."""
+    change = (
+        outlet(compliance=compliance),
+        "boundary.0.velocity.x=0.3",
+        "initial.fluid_velocity.x=0.3",
+        "force=[{name='outlet', on='right'}]",
+    )
+    run_here(Job(SCENE, str(tmp_path), change))
+    found = history(tmp_path)
+    Q = 0.3 * HEIGHT
+    grown = -np.expm1(-found["t"][1:] / (R_D * compliance)) if compliance else 1.0
+    pressure = found["right.pressure"][1:]
+    assert np.allclose(pressure, R_P * Q + R_D * Q * grown, rtol=1e-12)
+    assert np.allclose(found["outlet.f_x"][1:], pressure * HEIGHT, rtol=1e-6)
 
 
 @pytest.mark.parametrize("proximal", [2e3, 2e6])

@@ -30,5 +30,6 @@ CONDITIONS = Registry(
         "windkessel": Windkessel,
     },
     reserved=("on", "displacement", "velocity", "pressure", "no_slip", "priority"),
+    taken=[name for name in dir(SurfaceCondition) if not name.startswith("_")] + ["surface"],
     check=check_condition,
 )

@@ -44,7 +44,8 @@ class Surface(Protocol):
 
 
 class State(NamedTuple):
-    """What a condition sees at one time t [s], on the collocation level where a step is solved.
+    """What a condition sees at one time t [s]: on the collocation level where a step is solved, or,
+    accepted, at its end.
 
     Nodal fields with ghosts: u (n_local, d) [m] of the solid or of the fluid's mesh; v (n_local, d)
     [m/s] of the phase; c (n_local, d) [m/s] of a fluid relative to its mesh; p (n_local,) [Pa] of a
@@ -56,6 +57,7 @@ class State(NamedTuple):
     v: np.ndarray
     c: np.ndarray | None = None
     p: np.ndarray | None = None
+    accepted: bool = False
 
 
 class Slope(NamedTuple):
@@ -131,7 +133,7 @@ class SurfaceCondition:
         return None
 
     def accept(self, state: State) -> None:
-        """Make the trial step, which ended with this state, the accepted one (collective)."""
+        """Make the trial step, which ends with this state, the accepted one (collective)."""
 
     def memory(self) -> dict[str, Any]:
         """Return what a restart needs, with a JSON form."""

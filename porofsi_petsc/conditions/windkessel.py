@@ -5,10 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from ..clock import Scheme, at_end
+from ..clock import Scheme, Steady
 from ..kernels.surface import pressure_load
 from ..registry import parameter
 from .condition import LowRank, Slope, State, Surface, SurfaceCondition
+
+# Time over R_d C below which differences of its exponential have lost digits.
+FEW_DIGITS = 1e-4
 
 
 @dataclass
@@ -18,8 +21,8 @@ class Windkessel(SurfaceCondition):
 
     Without C it is a resistance R_p + R_d.  The traction along the outlet is zero, which turns the
     flow towards walls without slip: prescribe the velocity along it, zero, where the flow is that
-    of a long pipe.  In 2-D Q is that of one metre of thickness.  P follows the fluid's own time
-    scheme.
+    of a long pipe.  In 2-D Q is that of one metre of thickness.  P is the exact answer to a flow
+    that changes linearly over a step: of second order, and without ringing however small R_d C is.
     """
 
     behind = ("fluid",)
@@ -37,44 +40,24 @@ class Windkessel(SurfaceCondition):
         """Take a rule that is exact for the flow through flat facets."""
         super().bind(surface)
         self._rule = surface.rule(2 * surface.order)
-        self._t = 0.0  # of the accepted state [s]
-        self._stored = np.array(self.start)  # P there [Pa]
-        self._rate = np.zeros(())  # dP/dt there [Pa/s], by the first step
-        self._started = False
-        self._flow_rate = 0.0  # Q there, and the one of the last collocation level [m³/s]
-        self._collocated_flow = 0.0
-        self._age: float | None = None  # from that level to the accepted state [s]
+        self._stored = self.start  # P of the accepted state [Pa]
+        self._flow_rate = 0.0  # Q of it [m³/s]
         self._slope = self.proximal + self.distal  # dp/dQ
 
     def begin_step(self, scheme: Scheme, state: State) -> None:
-        """Start a step: dP/dt on its collocation level is linear in P there (collective)."""
-        self._scheme = scheme
-        self._end = state.t + scheme.dt
-        if not self._started:
-            self._collocated_flow = self._flow(state)
-            self._rate = np.array(self._first_rate(self._collocated_flow))
-            self._age = 0.0
-            self._started = True
-        rate1, _ = scheme.rates(self._stored, self._stored, self._rate, self._rate)
-        idle = scheme.velocity_level(self._rate, rate1)  # of a P that stays
-        self._admittance = self.compliance * scheme.c_v + 1 / self.distal
-        self._offset = self.distal_pressure / self.distal - self.compliance * (
-            idle - scheme.c_v * self._stored
-        )
-        self._slope = self.proximal + 1 / self._admittance
-
-    def _first_rate(self, flow):
-        """Return dP/dt at the start [Pa/s]; 0 where P follows the flow at once."""
-        if not self.compliance:
-            return 0.0
-        return (flow - (self.start - self.distal_pressure) / self.distal) / self.compliance
+        """Start a step: P is linear in Q on the collocation level (collective)."""
+        self._size = None if isinstance(scheme, Steady) else scheme.dt
+        self._collocated_size = None if self._size is None else scheme.alpha_f * scheme.dt
+        self._flow_before = self._flow(state)
+        self._slope = self.proximal + self.distal * self._weights(self._collocated_size)[2]
 
     def residual(self, state: State) -> np.ndarray:
         """Return ∮ N_a p n dA, (F, Af, d) [N] (collective)."""
+        if state.accepted:
+            return self._pressure * self._normals(state)
         flow = self._flow(state)
-        accepted = state.t == self._t
-        stored = self._stored if accepted else self._collocated(flow)
-        return float(self.proximal * flow + stored) * self._normals(state)
+        stored = self._stored_after(self._collocated_size, flow)
+        return (self.proximal * flow + stored) * self._normals(state)
 
     def low_rank(self, state: State, slope: Slope) -> LowRank:
         """Return dp/dQ b bᵀ, b = ∮ N_a n dA."""
@@ -82,23 +65,35 @@ class Windkessel(SurfaceCondition):
 
     def accept(self, state: State) -> None:
         """Take P and Q to the end of the step (collective)."""
-        flow = self._flow(state)
-        before = self._stored
-        scheme = self._scheme
-        ends = np.array(self._collocated_flow), np.array(flow)
-        self._flow_rate = float(at_end(scheme, self._age, *ends))
-        if self.compliance:
-            self._stored = before + (self._collocated(flow) - before) / scheme.alpha_f
-        else:
-            self._stored = np.array(self.distal_pressure + self.distal * self._flow_rate)
-        self._rate, _ = scheme.rates(self._stored, before, self._rate, self._rate)
-        self._collocated_flow = flow
-        self._age = (1 - scheme.alpha_f) * scheme.dt
-        self._t = self._end
+        self._flow_rate = self._flow(state)
+        self._stored = self._stored_after(self._size, self._flow_rate)
 
-    def _collocated(self, flow):
-        """Return P on the collocation level for the flow there [Pa]."""
-        return (flow + self._offset) / self._admittance
+    @property
+    def _pressure(self):
+        """Return that on the outlet in the accepted state [Pa]."""
+        return self.proximal * self._flow_rate + self._stored
+
+    def _stored_after(self, size, flow):
+        """Return P where the flow has come to `flow`, linearly, from that of the accepted state:
+        the exact solution.
+
+        size : time from there [s], None where there is no time
+        """
+        of_stored, of_before, of_now = self._weights(size)
+        flows = of_before * self._flow_before + of_now * flow
+        rest = of_stored * (self._stored - self.distal_pressure)
+        return self.distal_pressure + rest + self.distal * flows
+
+    def _weights(self, size):
+        """Return e, φ - e and 1 - φ with e = exp(-x), φ = (1 - e)/x, x the time over R_d C."""
+        if size is None or not self.compliance:
+            return 0.0, 0.0, 1.0
+        x = size / (self.distal * self.compliance)
+        if x < FEW_DIGITS:
+            return np.exp(-x), x / 2 - x**2 / 3 + x**3 / 8, x / 2 - x**2 / 6 + x**3 / 24
+        e = np.exp(-x)
+        mean = -np.expm1(-x) / x
+        return e, mean - e, 1 - mean
 
     def _normals(self, state):
         normal = self.surface.normal(self._rule, state.u)
@@ -112,27 +107,17 @@ class Windkessel(SurfaceCondition):
     def memory(self) -> dict[str, Any]:
         """Return what a restart needs."""
         return {
-            "t": self._t,
             "pressure": float(self._stored),
-            "rate": float(self._rate),
-            "started": self._started,
             "flow_rate": self._flow_rate,
-            "collocated_flow": self._collocated_flow,
-            "age": self._age,
             "slope": float(self._slope),
         }
 
     def load(self, memory: dict[str, Any]) -> None:
         """Continue from `memory`."""
-        self._t = memory["t"]
-        self._stored = np.array(memory["pressure"])
-        self._rate = np.array(memory["rate"])
-        self._started = memory["started"]
+        self._stored = memory["pressure"]
         self._flow_rate = memory["flow_rate"]
-        self._collocated_flow = memory["collocated_flow"]
-        self._age = memory["age"]
         self._slope = memory["slope"]
 
     def recorded(self) -> tuple[float, float]:
         """Return the pressure on the outlet and the flow through it."""
-        return float(self.proximal * self._flow_rate + self._stored), self._flow_rate
+        return float(self._pressure), self._flow_rate

@@ -1,5 +1,6 @@
 """The scene: every section of the file with its defaults, and the checks between sections."""
 
+import itertools
 from pathlib import Path
 from typing import Annotated
 
@@ -184,6 +185,7 @@ class Scene(Table):
         self._check_auto()
         self._check_time_scheme()
         self._check_mass_scaling()
+        self._check_surface_columns()
         self._check_probes()
         self._check_reference()
         self._check_expectations()
@@ -397,6 +399,22 @@ class Scene(Table):
                 "coupling.mass_scaling",
             )
 
+    def _check_surface_columns(self):
+        """Refuse columns of the history that two conditions would write, or that a comma breaks."""
+        taken: dict[str, str] = {}
+        for i, boundary in enumerate(self.boundary):
+            for name in boundary.surface_conditions():
+                key = f"boundary.{i}.{name}"
+                for tag, column in itertools.product(boundary.on, CONDITIONS[name].columns):
+                    whole = f"{tag}.{column}"
+                    if "," in whole:
+                        text = "which a column of history.csv has in its name, expected no comma"
+                        raise wrong(f"received the tag or column '{whole}', {text}", key)
+                    if whole in taken:
+                        text = f"received the column '{whole}', which {taken[whole]} records"
+                        raise wrong(f"{text}, expected another; give each a tag of its own", key)
+                    taken[whole] = key
+
     def _check_probes(self):
         names = [probe.name for probe in self.probe]
         for i, force in enumerate(self.force):
@@ -580,5 +598,6 @@ def _renew() -> None:
         table.model_rebuild(force=True)
 
 
+CONDITIONS.reserve(dir(Boundary))
 for registry in (ELASTIC, PERMEABILITY, CONDITIONS):
     registry.changed.append(_renew)

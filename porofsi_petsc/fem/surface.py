@@ -62,7 +62,12 @@ class Surface:
         return self._mesh.comm.allreduce(float(values[self._owned].sum()))
 
     def add_to(self, nodal: np.ndarray, vectors: np.ndarray) -> None:
-        """Add vectors (F, Af, k) on the facets to a field (n_owned, k)."""
+        """Add vectors (F, Af, k) on the facets to a field (n_owned, k); raises ValueError where
+        they have another shape.
+        """
+        wanted = (*self.nodes.shape, nodal.shape[1])
+        if vectors.shape != wanted:
+            raise ValueError(f"'{self.tag}': received vectors {vectors.shape}, expected {wanted}")
         owned = self.nodes < self._mesh.n_owned
         np.add.at(nodal, self.nodes[owned], vectors[owned])
 

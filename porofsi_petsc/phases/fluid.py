@@ -106,6 +106,7 @@ class FluidPhase:
         self.setup.velocity.apply(self._v1, t + scheme.dt)
         self._prescribe_pressure(self._p1, self._t_alpha)
         self._update_rates()
+        self._mesh_before = mesh_state.displacement
         self.surfaces.begin_step(scheme, self._accepted_state(mesh_state, t))
         b = self.setup.body_force
         self._b = body_acceleration(self.domain, b, self._t_alpha) if b else self._no_body
@@ -189,6 +190,7 @@ class FluidPhase:
         momentum, volume = kernel.split_terms(np.asfortranarray(nodal), domain.dim)
         momentum_terms = dict(zip(MOMENTUM_TERMS, momentum, strict=True))
         volume_terms = dict(zip(VOLUME_TERMS, volume[..., None], strict=True))
+        self._mesh_state = mesh_state
         self._surface_state = self._state_of(mesh_state, fields)
         momentum_terms["traction"] = self.surfaces.residual(self._surface_state)
         self._add_volume_terms(volume_terms)
@@ -399,10 +401,18 @@ class FluidPhase:
 
     def accept(self) -> None:
         """Make the trial state the accepted one (collective)."""
-        self.surfaces.accept(self._surface_state)
-        self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), self._end_pressure()
+        end = self._end_pressure()
+        self.surfaces.accept(self._end_state(end))
+        self.v, self.a, self.p = self._v1.copy(), self._a1.copy(), end
         self._p0 = self._p1.copy()
         self._p0_age = (1 - self.scheme.alpha_f) * self.scheme.dt
+
+    def _end_state(self, p):
+        """Return what conditions on surfaces see at the end of the trial step."""
+        mesh = self._mesh_state
+        u = self._mesh_before + (mesh.displacement - self._mesh_before) / self.scheme.alpha_f
+        c = self._v1 - mesh.end_velocity if mesh.moving_mesh else self._v1
+        return State(self._t_end, u, self._v1, c, p)
 
     def _end_pressure(self):
         end = self._at_end(self._p0, self._p1)

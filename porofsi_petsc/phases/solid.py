@@ -469,7 +469,7 @@ class SolidPhase:
         end is not admissible (collective).
         """
         configuration = self._configuration_at(self._u1)
-        self.surfaces.accept(self._surface_state)
+        self.surfaces.accept(State(self._t_end, self._u1, self._v1))
         self._accepted_configuration = configuration
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
 

@@ -39,8 +39,9 @@ class SurfaceTerms:
 
     def begin_step(self, scheme: Scheme, state: State) -> None:
         """Start a step from the accepted state (collective)."""
+        accepted = state._replace(accepted=True)
         for place in self.places:
-            place.condition.begin_step(scheme, state)
+            place.condition.begin_step(scheme, accepted)
         collocated = state._replace(t=state.t + scheme.alpha_f * scheme.dt)
         self._dead = self._sum(collocated, dead=True)
 
@@ -59,6 +60,7 @@ class SurfaceTerms:
         """Return the facets, nodes (F, Af), and the residuals (F, Af, k) of every condition in the
         accepted state (collective).
         """
+        state = state._replace(accepted=True)
         return tuple((place.surface.nodes, place.condition.residual(state)) for place in self)
 
     def tangents(self, state: State, slope: Slope) -> "SurfaceTangents":
@@ -77,9 +79,9 @@ class SurfaceTerms:
         return Coupled(nodal, term.factor)
 
     def accept(self, state: State) -> None:
-        """Make the trial step the accepted one (collective)."""
+        """Make the trial step, which ends with this state, the accepted one (collective)."""
         for place in self.places:
-            place.condition.accept(state)
+            place.condition.accept(state._replace(accepted=True))
 
     def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs, by the places of the conditions that have some;

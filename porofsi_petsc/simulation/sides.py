@@ -39,6 +39,7 @@ def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Pa
             " there, or an [[interface]]"
         )
         raise InputError(f"{where} [[material]]: {text}")
+    outside = facet_multiplicity(mesh.cells, mesh.element) == 1
     taken: dict[tuple[str, str], int] = {}
     between = _sides_of_interfaces(scene)
     for i, boundary in enumerate(scene.boundary):
@@ -52,6 +53,7 @@ def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Pa
             for quantity in boundary.given():
                 place = f"{where} [boundary.{i}.{quantity}]: tag '{tag}'"
                 _require_phase(quantity.partition(".")[0], sides[tag], place)
+                _require_boundary(quantity, mesh, tag, outside, place)
                 for other in sorted(_excluded(quantity, sides[tag])):
                     if (tag, other) in taken:
                         first = f"boundary.{taken[tag, other]}.{other}"
@@ -122,6 +124,14 @@ def _require_phase(name, phases, place):
         )
     if name in CONDITIONS:
         _require_behind(CONDITIONS[name], phases, place)
+
+
+def _require_boundary(quantity, mesh, tag, outside, place):
+    """Raise InputError where a condition of a fluid alone, an outlet, is inside of the mesh."""
+    if quantity not in CONDITIONS or CONDITIONS[quantity].behind != ("fluid",):
+        return
+    if not outside[locate_facets(mesh.facets[tag], mesh.cells, mesh.element)].all():
+        raise InputError(f"{place} lies inside of the mesh, expected its boundary; remove it")
 
 
 def _require_behind(condition, phases, place):
