@@ -535,3 +535,20 @@ def test_cell_with_an_unlisted_node(tmp_path):
     del lines[start + 1 + last]
     (tmp_path / "a.msh").write_text("\n".join([*lines, ""]))
     refused(tmp_path / "a.msh", 2, "not list|missing in the file|not readable")
+
+
+@pytest.mark.parametrize("name", ["T6", "Q9", "T10"])
+def test_cells_that_share_an_edge_without_its_middle_node(tmp_path, name):
+    """Each cell has middle nodes of its own: corners alone would join them, and the body split."""
+    mesh = MESHES[name]
+    vertices = mesh.element.n_vertices
+    own = next(n for n in mesh.cells[0, vertices:] if (mesh.cells[1:] == n).any())
+    points = np.vstack([mesh.points, mesh.points[own]])
+    cells = mesh.cells.copy()
+    cells[0] = np.where(cells[0] == own, len(mesh.points), cells[0])
+    split = [
+        (k, d, n, cells[mesh.cell_region == mesh.regions.index(n)] if d == mesh.dim else c)
+        for k, d, n, c in blocks(mesh)
+    ]
+    dim = mesh.dim
+    refused_groups(tmp_path, points, split, "share an edge or a face without its middle node", dim)

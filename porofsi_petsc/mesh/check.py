@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterable, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ..elements import ELEMENTS, Element
 from ..errors import InputError, listed
 from .mesh import Mesh
-from .topology import facet_multiplicity, is_collapsed, locate_facets, shares
+from .topology import facet_multiplicity, group_rows, is_collapsed, locate_facets, shares
 
 # det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under
 # any graded mesh, over round-off
@@ -221,6 +222,28 @@ def require_regions_of_cells(
             f"{where}: {len(bare)} of {len(cells)} cells have no named physical group, the first is"
             f" cell {bare[0]} (counted from 0) at {at}; put every cell into a named physical group"
         )
+
+
+def require_shared_nodes(
+    points: np.ndarray, cells: np.ndarray, element: Element, where: Where
+) -> None:
+    """Raise InputError where cells share an edge or a face, but not the node in its middle: the
+    body would be split there.
+    """
+    numbered = enumerate(element.supports, element.n_vertices)
+    for _, alike in groupby(numbered, lambda entry: len(entry[1])):
+        numbers, supports = (list(column) for column in zip(*alike, strict=True))
+        group = group_rows(cells[:, np.array(supports)].reshape(-1, len(supports[0])))
+        middle = cells[:, numbers].ravel()
+        one = np.empty(group.max(initial=0) + 1, dtype=middle.dtype)
+        one[group] = middle
+        other = np.flatnonzero(one[group] != middle)
+        if len(other):
+            raise InputError(
+                f"{where}: cells share an edge or a face without its middle node, at"
+                f" {place(points[middle[other[0]]])} m, expected one node there; merge duplicate"
+                " nodes in the program that wrote the mesh"
+            )
 
 
 def require_manifold(

@@ -50,6 +50,7 @@ def read_mesh(path: str | os.PathLike[str], dim: int) -> Mesh:
     check.require_positive_jacobian(points, cells, element, path)
     used, cell_region = np.unique(cell_tag, return_inverse=True)
     group = facet_groups(cells, element)
+    check.require_shared_nodes(points, cells, element, path)
     for require in (check.require_manifold, overlap.require_unfolded, overlap.require_disjoint):
         require(points, cells, element, group, path)
     facets = _facets(points, cells, element, group, tagged_facets, names, path)
