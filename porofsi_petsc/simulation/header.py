@@ -37,6 +37,8 @@ COUNT = Kind(
     "a whole number of at least 0", lambda value: type(value) is int and 0 <= value <= sys.maxsize
 )
 
+ANY = Kind("a value", lambda value: True)  # of a condition, which alone knows what it is
+
 # A dict is a table, "*" any key, a key with "?" one that may be absent or null; a list stands for
 # entries of one kind.
 CLOCK = {
@@ -50,7 +52,7 @@ CLOCK = {
     "halvings?": COUNT,
     "fall_backs?": {"*": COUNT},
 }
-PHASE = {"rates?": [SIZE], "built_with?": COUNT}
+PHASE = {"rates?": [SIZE], "built_with?": COUNT, "surfaces?": {"*": {"*": ANY}}}
 COUPLING = {
     "solid": PHASE | {"force_age?": SIZE},
     "fluid": PHASE | {"pressure_age?": SIZE},
