@@ -136,15 +136,14 @@ def _require_boundary(quantity, mesh, tag, outside, place):
 
 def _require_behind(condition, phases, place):
     """Raise InputError where a condition has another material behind it, or several."""
-    wrong = phases - set(condition.behind)
-    if wrong:
-        raise InputError(
-            f"{place} is on the {' and '.join(sorted(wrong))}, expected a surface of a"
-            f" {named(condition)}; {condition.otherwise}"
-        )
     if len(phases) > 1:
-        text = "expected a surface of one of them; give each part a tag of its own"
+        text = f"expected a {named(condition)} alone; give each part a tag of its own"
         raise InputError(f"{place} is on {' and '.join(sorted(phases))}, {text}")
+    if phases - set(condition.behind):
+        raise InputError(
+            f"{place} is on the {min(phases)}, expected a surface of a {named(condition)};"
+            f" {condition.otherwise}"
+        )
     if phases == {"porous"}:
         raise InputError(
             f"{place} is on a porous solid beside a free fluid, where loads are not divided; leave"
