@@ -137,7 +137,7 @@ def _require_boundary(quantity, mesh, tag, outside, place):
 def _require_behind(condition, phases, place):
     """Raise InputError where a condition has another material behind it, or several."""
     if len(phases) > 1:
-        text = f"expected a {named(condition)} alone; give each part a tag of its own"
+        text = "expected a surface of one of them; give each part a tag of its own"
         raise InputError(f"{place} is on {' and '.join(sorted(phases))}, {text}")
     if phases - set(condition.behind):
         raise InputError(
