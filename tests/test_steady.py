@@ -126,3 +126,23 @@ def test_a_later_step_is_continued_from_the_data_of_the_one_before(tmp_path):
     assert read_history(tmp_path / "run" / "history.csv")["corner.u_x"][-1] == pytest.approx(
         stretch - 1, rel=1e-6
     )
+
+
+def test_a_slow_flow_under_a_large_pressure_follows_its_inflow(tmp_path):
+    """Air at 1e5 Pa: its flow was within the round-off of such a pressure, and stayed as it was."""
+    air = "material.0.fluid={density=1.2, viscosity=1.8e-5}"
+    changes = (
+        air,
+        "model.viscosity=true",
+        "model.fluid_inertia=false",
+        "time.scheme=steady",
+        "time.end=0.1",
+        "time.step=0.01",
+        "boundary.0.velocity={x='0.001*t', y=0.0}",
+        "boundary.1.windkessel={distal=1e3, distal_pressure=101325.0}",
+    )
+    run_here(Job(str(SCENES / "outlet.toml"), str(tmp_path), changes))
+    found = read_history(tmp_path)
+    inflow = 0.2 * 0.001 * found["t"][1:]
+    # the round-off of 1e5 Pa in the momentum is a flow of 1e-7 m³/s
+    assert np.abs(found["right.flow_rate"][1:] - inflow).max() < 2e-7

@@ -114,6 +114,9 @@ class Convergence:
         if field != "volume":
             return force
         flow = self._present.get("fluid momentum", 0.0) / self.flow_force_per_rate
+        if not self.history:
+            # a flow under a large pressure may be as small as that: it is solved for once before
+            flow *= EPSILON / ROUND_OFF
         return max(self._present[field], force / self.force_per_rate, flow)
 
     @property
