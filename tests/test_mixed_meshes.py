@@ -19,7 +19,7 @@ from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.fem.domain import Domain
 from porofsi_petsc.fem.geometry import shape_quality
 from porofsi_petsc.fem.projection import SurfaceProjection
-from porofsi_petsc.mesh import node_graph, read_mesh
+from porofsi_petsc.mesh import check, node_graph, read_mesh
 from porofsi_petsc.mesh.write import write_mesh
 from porofsi_petsc.output.probes import Probes
 from porofsi_petsc.output.surface import surface_of
@@ -173,3 +173,23 @@ def test_quadratic_cells_of_several_shapes_are_refused(tmp_path):
     cells = [("triangle6", 2, "body", np.arange(6)[None]), ("quad9", 2, "body", np.arange(9)[None])]
     points = np.random.default_rng(0).random((9, 2))
     refused_groups(tmp_path, points, cells, "mixed cells of kinds quad9, triangle6; mesh .*linear")
+
+
+WEDGE = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+PYRAMID = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]]
+
+
+@pytest.mark.parametrize(
+    ("points", "cell"),
+    [(WEDGE, [0, 1, 2, 2, 3, 4, 5, 5]), (PYRAMID, [0, 1, 2, 3, 4, 4, 4, 4])],
+    ids=["prism", "pyramid"],
+)
+def test_a_folded_cell_is_refused(points, cell):
+    """A corner beyond the opposite side of its face; the cell as it should be passes."""
+    element = ELEMENTS["H8"]
+    cells = np.array([cell])
+    X = np.array(points, dtype=float)
+    check.require_positive_jacobian(X, cells, element, "mesh")
+    X[0, :2] = 0.6
+    with pytest.raises(InputError, match="is folded"):
+        check.require_positive_jacobian(X, cells, element, "mesh")

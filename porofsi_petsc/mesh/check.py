@@ -10,7 +10,7 @@ import numpy as np
 from ..elements import ELEMENTS, Element
 from ..errors import InputError, listed
 from .mesh import Mesh
-from .topology import facet_multiplicity, group_rows, is_collapsed, locate_facets, shares
+from .topology import facet_multiplicity, group_rows, locate_facets, shares, times_in_cell
 
 # det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under
 # any graded mesh, over round-off
@@ -167,8 +167,9 @@ def require_positive_jacobian(
         X = points[cells[start : start + JACOBIAN_CHUNK]]
         det = np.linalg.det(np.einsum("eai,qaj->eqij", X, gradient, optimize=True))
         folded = det <= 0
-        collapsed = is_collapsed(cells[start : start + JACOBIAN_CHUNK], element)
-        folded[collapsed, : element.nodes] = False  # where a side is a point it is zero
+        # where a side is a point it is zero
+        once = times_in_cell(cells[start : start + JACOBIAN_CHUNK]) == 1
+        folded[:, : element.nodes] &= once
         bad = np.argwhere(folded)
         if len(bad):
             e, q = bad[0]
