@@ -243,6 +243,10 @@ class Scene(Table):
                 f"received '{self.model.porosity}' without porous materials; leave it out",
                 "model.porosity",
             )
+        self._check_conditions_of_pores()
+
+    def _check_conditions_of_pores(self):
+        """Refuse conditions of porous media in a scene without."""
         for i, boundary in enumerate(self.boundary):
             advice = {"pressure": "prescribe a traction", "no_slip": "prescribe a velocity"} | {
                 name: CONDITIONS[name].otherwise
