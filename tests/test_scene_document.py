@@ -58,6 +58,7 @@ TABLES = {
     "[[probe]]": sections.Probe,
     "[[force]]": sections.Force,
     "[[interface]]": sections.Interface,
+    "[[tie]]": conditions.Tie,
     "[output]": sections.Output,
     "[figures]": sections.Figures,
     "[reference]": reference.Reference,

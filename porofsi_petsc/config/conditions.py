@@ -12,7 +12,7 @@ from ..conditions import CONDITIONS, SurfaceCondition
 from ..conditions.condition import Kind
 from ..errors import shown
 from ..registry import Parameter, parameters
-from .types import Flag, Formula, Number, Table, Tags, Vector, wrong
+from .types import Axes, Flag, Formula, Number, Table, Tag, Tags, Vector, wrong
 
 VECTORS = ("displacement", "velocity")
 
@@ -20,13 +20,16 @@ VECTORS = ("displacement", "velocity")
 class Boundary(Table):
     """Conditions on tagged surfaces; what is absent is free, and impermeable (v_f.n = v_s.n).
 
-    displacement [m], velocity of the fluid phase [m/s], pressure [Pa]; no_slip: v_f = v_s in all
-    components; priority: which entry holds at a node of several.  Each condition of
+    displacement [m], its component along the outward normal [m], components that all nodes have in
+    common; velocity of the fluid phase [m/s], pressure [Pa]; no_slip: v_f = v_s in all components;
+    priority: which entry holds at a node of several.  Each condition of
     `conditions.CONDITIONS` is one key more, see `boundary_table`.
     """
 
     on: Tags
     displacement: Vector = Vector()
+    normal_displacement: Formula | None = None
+    equal_displacement: Axes = ()
     velocity: Vector = Vector()
     pressure: Formula | None = None
     no_slip: Flag = False
@@ -38,6 +41,8 @@ class Boundary(Table):
         """
         essential = dict(zip(VECTORS, (self.displacement, self.velocity), strict=True))
         names = [name for key, vector in essential.items() for name in _components(key, vector)]
+        names += ["normal_displacement"] * (self.normal_displacement is not None)
+        names += [f"equal_displacement.{axis}" for axis in self.equal_displacement]
         names += ["pressure"] * (self.pressure is not None) + ["no_slip"] * self.no_slip
         for key in self.surface_conditions():
             value = getattr(self, key)
@@ -122,6 +127,18 @@ def _kind(entry: Parameter) -> Any:
     return {"number": number, "formula": Formula, "vector": Vector}[entry.kind]
 
 
+class Tie(Table):
+    """Two surfaces whose nodes lie opposite each other and have components of u in common."""
+
+    first: Tag
+    second: Tag
+    components: Axes = ()
+
+    def axes(self, dim: int) -> tuple[int, ...]:
+        """Return the numbers of the components, all of them where none is named."""
+        return tuple(map("xyz".index, self.components)) or tuple(range(dim))
+
+
 class BodyForce(Table):
     """Acceleration b [m/s^2] that acts on each phase, times its partial density."""
 
@@ -198,6 +215,10 @@ def excluded_by(quantity: str, kind: Kind) -> list[str]:
 
 def _exclusions(kind: Kind) -> Iterator[tuple[str, str]]:
     """Yield the pairs of quantities that exclude each other."""
+    for axis in "xyz":
+        yield "normal_displacement", f"displacement.{axis}"
+        yield "normal_displacement", f"equal_displacement.{axis}"
+        yield f"equal_displacement.{axis}", f"displacement.{axis}"
     if kind == "porous":
         yield from ((f"velocity.{c}", "no_slip") for c in "xyz")
         yield "pressure", "no_slip"
@@ -218,6 +239,12 @@ def _has_components(quantity):
         only = parameters(CONDITIONS[quantity]).get("value")
         return only is not None and only.kind == "vector"
     return quantity in VECTORS
+
+
+def check_axes(axes: Sequence[str], dim: int, key: str) -> None:
+    """Refuse the axis z in two dimensions."""
+    if dim == 2 and "z" in axes:
+        raise wrong("received 'z' in a two-dimensional scene, expected only 'x' and 'y'", key)
 
 
 def check_expressions(section: Table, dim: int, key: str, position_only: bool = False) -> None:

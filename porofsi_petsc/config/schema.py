@@ -13,7 +13,9 @@ from .conditions import (
     BodyForce,
     Boundary,
     Initial,
+    Tie,
     WithConditions,
+    check_axes,
     check_boundaries,
     check_expressions,
 )
@@ -70,6 +72,7 @@ class Scene(Table):
     probe: Annotated[tuple[Probe, ...], ListOf()] = ()
     force: Annotated[tuple[Force, ...], ListOf()] = ()
     interface: Annotated[tuple[Interface, ...], ListOf()] = ()
+    tie: Annotated[tuple[Tie, ...], ListOf()] = ()
     output: Output = Output()
     figures: Figures = Figures()
     reference: Reference | None = None
@@ -177,6 +180,9 @@ class Scene(Table):
         check_boundaries(self.boundary, self.model.viscosity is True, self.is_porous)
         for i, boundary in enumerate(self.boundary):
             check_expressions(boundary, self.dim, f"boundary.{i}")
+            check_axes(boundary.equal_displacement, self.dim, f"boundary.{i}.equal_displacement")
+        for i, tie in enumerate(self.tie):
+            check_axes(tie.components, self.dim, f"tie.{i}.components")
         check_expressions(self.body_force, self.dim, "body_force")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_kinds()

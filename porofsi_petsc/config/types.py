@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -186,6 +186,12 @@ Tag = Annotated[
 ]
 Tags = Annotated[
     tuple[Tag, ...], ListOf(shortest=1), BeforeValidator(_one_or_many), AfterValidator(_distinct)
+]
+Axes = Annotated[
+    tuple[Literal["x", "y", "z"], ...],
+    ListOf(shortest=1),
+    BeforeValidator(_one_or_many),
+    AfterValidator(_distinct),
 ]
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 Limit = Annotated[Any, PlainValidator(_positive_or("report"))]

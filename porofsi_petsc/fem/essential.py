@@ -5,9 +5,10 @@ several of them share.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from ..errors import InputError
 from .distribute import LocalMesh
@@ -45,12 +46,32 @@ class Prescribed:
         return self.given.expression(t, mesh.X[self.nodes])
 
 
+class Constraints(Protocol):
+    """What is prescribed beside single components; see `constraints.LinearConstraints`."""
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Return the owned nodes that are concerned."""
+
+    def apply(self, field: np.ndarray, t: float) -> None:
+        """Change the owned rows of a field (n_local, k) so that it holds at time t (collective)."""
+
+    def project(self, owned: np.ndarray) -> np.ndarray:
+        """Return a vector (n_owned, k) without the forces that hold it (collective)."""
+
+    def transformation(self, domain: Any, m: int) -> tuple[csr_matrix, csr_matrix]:
+        """Return T and the projection onto what it leaves out, for m unknowns on each node
+        (collective).
+        """
+
+
 class Dirichlet:
     """The essential conditions of one nodal field with k components.
 
     mask : (n_local, k) bool, true where a value is prescribed, ghosts included.  At a node the
     conditions of the highest precedence hold, whatever their order; they must agree, which is
-    checked at given times and whenever they are applied.
+    checked at given times and whenever they are applied.  constraints : what is prescribed beside
+    single components, which is set where there is any
     """
 
     def __init__(
@@ -68,6 +89,7 @@ class Dirichlet:
         """
         self._mesh = mesh
         self._where = where
+        self.constraints: Constraints | None = None
         entries = sorted(
             (Essential(*entry) for entry in given), key=lambda entry: (entry.tag, entry.component)
         )
@@ -105,11 +127,16 @@ class Dirichlet:
             self._require_one_value(t, values)
         for condition, found in zip(self.conditions, values, strict=True):
             field[condition.nodes, condition.given.component] = found
+        if self.constraints is not None:
+            self.constraints.apply(field, t)
         self._mesh.halo.update(field)
 
     def free(self, owned: np.ndarray) -> np.ndarray:
-        """Return a copy of (n_owned, k) with the prescribed entries set to zero."""
-        return np.where(self.mask[: self._mesh.n_owned], 0.0, owned)
+        """Return a copy of (n_owned, k) without what acts on prescribed entries, which are zero,
+        and on constraints (collective).
+        """
+        found = np.where(self.mask[: self._mesh.n_owned], 0.0, owned)
+        return found if self.constraints is None else self.constraints.project(found)
 
     def _require_one_value(self, t, values):
         """Raise InputError at the first node, in the order of the mesh file, on which two values

@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from petsc4py import PETSc
 
+from ..fem.essential import Constraints
+from ..linalg.constrained import BlockMatrix, ConstrainedMatrix
 from ..linalg.low_rank import Coupled, LowRankUpdate
-from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from .setup import PhaseSetup
 
@@ -23,16 +24,20 @@ class LinearBlock:
         setup: PhaseSetup,
         prefix: str,
         mask: np.ndarray,
-        new_solver: Callable[[ElementMatrix], LinearSolver],
+        new_solver: Callable[[BlockMatrix], LinearSolver],
+        constraints: Constraints | None = None,
     ) -> None:
         """Take the setup, the prefix of the options, where an unknown is prescribed, (n_local, m)
         bool, and what makes the KSP of the matrix.
+
+        constraints : of the displacement, the first of the m unknowns
         """
         self._setup = setup
         self._prefix = prefix
         self.mask = mask
         self._new_solver = new_solver
-        self.matrix: ElementMatrix | None = None
+        self._constraints = constraints
+        self.matrix: BlockMatrix | None = None
         self.solver: LinearSolver | None = None
         self.assemblies = 0
         self._coupled: tuple[Coupled, ...] = ()
@@ -47,7 +52,7 @@ class LinearBlock:
         all m unknowns.  `refactor` or `renewed` follows (collective).
         """
         if self.matrix is None:
-            self.matrix = self._setup.new_matrix(self._prefix, self.mask)
+            self.matrix = self._new_matrix()
         self.matrix.clear()
         for chunk, values in element_matrices:
             self.matrix.add(chunk, values)
@@ -58,6 +63,14 @@ class LinearBlock:
         self._coupled = tuple(term.where(free) for term in coupled if term.factor)
         if self.solver is None:
             self.solver = self._new_solver(self.matrix)
+
+    def _new_matrix(self):
+        matrix = self._setup.new_matrix(self._prefix, self.mask)
+        if self._constraints is None:
+            return matrix
+        domain = self._setup.domain
+        T, P = self._constraints.transformation(domain, self.mask.shape[1])
+        return ConstrainedMatrix(matrix, T, P)
 
     def renewed(self) -> None:
         """Tell the KSP of new values; the reuse rule decides about the preconditioner."""
@@ -87,10 +100,22 @@ class LinearBlock:
         if not domain.n_nodes:
             return solution
         nodes = domain.nodes
-        found = self.solver.solve(rhs[nodes].ravel())
+        found = self._solve_free(rhs[nodes].ravel())
         solution[nodes] = found.reshape(len(nodes), rhs.shape[1])
         # multigrid moves prescribed nodes within its tolerance
         return np.where(self.mask[: len(solution)], 0.0, solution)
+
+    def _solve_free(self, rhs):
+        """Return the solution of the unknowns of this rank, (n,), under the constraints."""
+        return self.expanded(self.solver.solve(self.reduced(rhs)))
+
+    def reduced(self, rhs: np.ndarray) -> np.ndarray:
+        """Return T^T r, both (n,); r itself without constraints (collective)."""
+        return self.matrix.free(rhs) if isinstance(self.matrix, ConstrainedMatrix) else rhs
+
+    def expanded(self, q: np.ndarray) -> np.ndarray:
+        """Return T q, both (n,); q itself without constraints (collective)."""
+        return self.matrix.expand(q) if isinstance(self.matrix, ConstrainedMatrix) else q
 
     def use(self, matrix: PETSc.Mat) -> None:
         """Solve with another matrix of the same unknowns instead, which has the present values of

@@ -12,8 +12,8 @@ from ..clock import Scheme, at_end
 from ..conditions import Slope, State
 from ..kernels import flow as kernel
 from ..kernels.flow_loops import MOMENTUM_TERMS, VOLUME_TERMS
+from ..linalg.constrained import BlockMatrix
 from ..linalg.low_rank import Coupled, padded
-from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .block import LinearBlock
@@ -73,7 +73,7 @@ class FluidPhase:
         """Return the unknowns per node in the matrix."""
         return self.setup.mask.shape[1]
 
-    def _new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+    def _new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         raise NotImplementedError
 
     def set_initial(

@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
+from ..linalg.constrained import BlockMatrix
 from ..linalg.dense_block import DenselyCoupled
-from ..linalg.matrix import ElementMatrix
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import timed
 from .coupling_data import MeshState, Rates
@@ -37,7 +37,7 @@ class FreeFluid(FluidPhase):
         super().__init__(setup)
         self.force, self._force0 = (np.zeros((self.mesh.n_owned, self.mesh.dim)) for _ in range(2))
 
-    def _new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+    def _new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         """Return the KSP, with what preconditions the pressure where it has a place for it."""
         setup = self.setup
         pressure = PressureOperators(setup) if self._has_operators else None

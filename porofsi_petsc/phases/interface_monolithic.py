@@ -50,7 +50,10 @@ class InterfaceSystem:
         self._rows = [_rows_in(self._domain, part.domain) for part in (solid, fluid, motion)]
         self._mask = self._make_mask(solid.setup, fluid.setup, motion.setup)
         self._whole = fluid.setup.on(self._domain)
-        self.block = LinearBlock(self._whole, self.prefix, self._mask, self._new_solver)
+        constraints = solid.setup.dirichlet.constraints
+        self.block = LinearBlock(
+            self._whole, self.prefix, self._mask, self._new_solver, constraints
+        )
         self._linear = solid.is_linear and fluid.is_linear
         self._rates = None
         self.force_per_rate = float("inf")

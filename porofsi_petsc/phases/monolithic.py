@@ -44,7 +44,10 @@ class QuasiDirectSystem:
         self._free_velocity = ~self._mask[:, d : 2 * d]
         self._combined = self._free_velocity & ~self._mask[:, :d]
         self.rates: Rates | None = None
-        self.block = LinearBlock(solid.setup, self.prefix, self._mask, self._new_solver)
+        constraints = solid.setup.dirichlet.constraints
+        self.block = LinearBlock(
+            solid.setup, self.prefix, self._mask, self._new_solver, constraints
+        )
         self._linear = solid.is_linear and fluid.is_linear
         self.mesh = solid.mesh
         self.stopwatch = solid.stopwatch
@@ -174,13 +177,13 @@ class QuasiDirectSystem:
         """Return a right-hand side in [N] and [m³/s], (n_owned, 2 d + 1), from the array of a
         vector of the solver.
         """
-        return vector.reshape(-1, len(self._rows)) / self._rows
+        return self.block.expanded(vector).reshape(-1, len(self._rows)) / self._rows
 
     def to_solver(self, increment: np.ndarray) -> np.ndarray:
         """Return the array of a vector of the solver from an increment of (y, w, p), (n_owned, 2 d
         + 1).
         """
-        return (increment / self._columns).ravel()
+        return self.block.reduced((increment / self._columns).ravel())
 
 
 def _product(nodal, vectors):

@@ -10,7 +10,7 @@ from ..clock import Scheme
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
-from ..linalg.matrix import ElementMatrix
+from ..linalg.constrained import BlockMatrix
 from ..linalg.solver import LinearSolver
 from ..tensors import trace
 from .coupling_data import MeshState, Rates
@@ -35,7 +35,7 @@ class PoreFluid(FluidPhase):
         super().__init__(setup)
         self.fluxes = SurfaceTerms(self.mesh.n_owned, 1, setup.fluxes)
 
-    def _new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+    def _new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         return self.setup.linear_solver(matrix, operators=False)
 
     def begin_step(self, scheme: Scheme, rates: Rates, t: float, mesh_state: MeshState) -> None:

@@ -13,6 +13,7 @@ from ..fem.closed import ClosedPart
 from ..fem.domain import Domain
 from ..fem.essential import Dirichlet, Prescribed
 from ..fem.transfer import InterfaceTransfer
+from ..linalg.constrained import BlockMatrix
 from ..linalg.fieldsplit import fluid_defaults, fluid_fields, rigid_body_modes, solid_defaults
 from ..linalg.matrix import ElementMatrix
 from ..linalg.nullspace import NullVector
@@ -61,7 +62,7 @@ class PhaseSetup:
         return replace(self, domain=domain)
 
     def displacement_solver(
-        self, matrix: ElementMatrix, prefix: str, counted: bool = False
+        self, matrix: BlockMatrix, prefix: str, counted: bool = False
     ) -> LinearSolver:
         """Return the KSP of a symmetric matrix of displacements; counted : of `solid_defaults`
         (collective).
@@ -89,7 +90,7 @@ class SolidSetup(PhaseSetup):
         """Return whether the tangent of the elastic forces alone decides the stability."""
         return False
 
-    def new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+    def new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         """Return the KSP of the block; its matrix is symmetric positive definite up to the state's
         geometric stiffness.
         """
@@ -158,7 +159,7 @@ class MeshSetup(PhaseSetup):
         """Return where the displacement is prescribed, (n_local, d) bool."""
         return self.dirichlet.mask | self.carried[:, None]
 
-    def new_solver(self, matrix: ElementMatrix) -> LinearSolver:
+    def new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         """Return the KSP of the motion.
 
         Its tolerance is relative to the increment of a sweep, and what it leaves is in the right
@@ -220,7 +221,7 @@ class FluidSetup(PhaseSetup):
 
     def linear_solver(
         self,
-        matrix: ElementMatrix,
+        matrix: BlockMatrix,
         operators: bool,
         preconditioner: Any = None,
         null_vectors: tuple[NullVector, ...] = (),

@@ -71,7 +71,8 @@ class SolidPhase:
         self._reference = Configuration.reference(self.domain, with_hessian)
         self._t_end = self._t_alpha = 0.0  # of the trial step and its collocation level [s]
         self.surfaces = SurfaceTerms(self.mesh.n_owned, self.mesh.dim, setup.surfaces)
-        self.block = LinearBlock(setup, self.prefix, setup.mask, setup.new_solver)
+        constraints = setup.dirichlet.constraints
+        self.block = LinearBlock(setup, self.prefix, setup.mask, setup.new_solver, constraints)
 
     @property
     def is_linear(self) -> bool:

@@ -58,6 +58,8 @@ def serial_mesh(scene: Scene) -> Mesh:
         )
     for i, boundary in enumerate(scene.boundary):
         require_tags(mesh, boundary.on, f"{where} [boundary.{i}.on]")
+    for i, tie in enumerate(scene.tie):
+        require_tags(mesh, (tie.first, tie.second), f"{where} [tie.{i}]")
     require_every_tag(
         sorted(outer), [tag for boundary in scene.boundary for tag in boundary.on], where
     )

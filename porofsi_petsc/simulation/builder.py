@@ -11,6 +11,7 @@ from ..config import Scene
 from ..config.expressions import Expression
 from ..config.material import Material
 from ..coupling.medium import Medium
+from ..fem.constraints import LinearConstraints, NormalValue
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..fem.essential import Dirichlet, Essential
@@ -21,7 +22,7 @@ from ..materials.drag import Anisotropy
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
 from ..phases.surface_terms import OnSurface
-from .conditions import components, dirichlet, essentials
+from .conditions import components, dirichlet, essentials, linear_constraints
 from .continuation import LoadFactor
 
 # Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always
@@ -152,6 +153,22 @@ class Builder:
     def dirichlet(self, k: int, given: list[Essential]) -> Dirichlet:
         """Return the `Dirichlet` of a field with k components (collective)."""
         return dirichlet(self.scene, self.mesh, k, given)
+
+    def displacement(self, tags: Collection[str] | None = None) -> Dirichlet:
+        """Return what is prescribed of the displacement, on some tags if they are given
+        (collective).
+        """
+        found = self.dirichlet(self.mesh.dim, self.essentials("displacement", tags))
+        given = [
+            entry._replace(expression=self._scaled(entry.expression))
+            if isinstance(entry, NormalValue)
+            else entry
+            for entry in linear_constraints(self.scene, tags)
+        ]
+        if given:
+            where = self.scene.source_path or "scene"
+            found.constraints = LinearConstraints(self.mesh, found.mask, given, where)
+        return found
 
     def components(self, vector: Any) -> dict[int, Any]:
         """Return component -> expression of a `config.Vector`."""

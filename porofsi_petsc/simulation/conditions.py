@@ -9,6 +9,7 @@ import numpy as np
 from ..config import Expression, Scene
 from ..config.sections import Time
 from ..config.types import Vector
+from ..fem.constraints import Equal, NormalValue, Tie
 from ..fem.distribute import LocalMesh
 from ..fem.essential import Dirichlet, Essential
 from .axis import on_axis
@@ -51,6 +52,27 @@ def essentials(scene: Scene, quantity: str, tags: Collection[str] | None = None)
                     found.append(
                         Essential(tag, component, expression, 2 * boundary.priority + wall, key)
                     )
+    return found
+
+
+def linear_constraints(
+    scene: Scene, tags: Collection[str] | None = None
+) -> list[NormalValue | Equal | Tie]:
+    """Return what a scene prescribes of the displacement beside components, on the tags if some are
+    given.
+    """
+    found: list[NormalValue | Equal | Tie] = []
+    for i, boundary in enumerate(scene.boundary):
+        on = tuple(tag for tag in boundary.on if tags is None or tag in tags)
+        key = f"boundary.{i}"
+        if on and boundary.normal_displacement is not None:
+            name = f"{key}.normal_displacement"
+            found.append(NormalValue(on, boundary.normal_displacement, name))
+        if on and boundary.equal_displacement:
+            axes = tuple(map(AXES.index, boundary.equal_displacement))
+            found.append(Equal(on, axes, f"{key}.equal_displacement"))
+    for i, tie in enumerate(scene.tie):
+        found.append(Tie(tie.first, tie.second, tie.axes(scene.dim), f"tie.{i}"))
     return found
 
 

@@ -28,6 +28,7 @@ from ..phases.setup import ElasticSolidSetup, FreeFluidSetup, MeshSetup
 from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
+from .conditions import linear_constraints
 from .drainage import holds_normal
 from .start import put_at_start
 
@@ -69,6 +70,11 @@ class InterfaceBuilder(Builder):
         chosen = self._scheme()
         self.scheme = chosen.scheme
         self._pair = chosen.pair
+        if self._constraints and self._pair != "dirichlet_neumann":
+            raise InputError(
+                f"{where} [{self._constraints[0].name}]: received it with coupling.interface ="
+                f" '{self._pair}', expected 'dirichlet_neumann' or coupling.scheme = 'direct'"
+            )
         self.notices = chosen.notices
         solid_tags, fluid_tags = (
             [tag for pair in pairs for tag in getattr(pair, side)] for side in ("solid", "fluid")
@@ -146,6 +152,8 @@ class InterfaceBuilder(Builder):
         unknowns = self.mesh.dim * self.mesh.comm.allreduce(held)
         if self._pores:
             return "beside a porous solid, expected one without pores"
+        if self._constraints:
+            return f"beside [{self._constraints[0].name}], expected single components of it"
         if not (is_direct(self.mesh) and are_factored("solid_", "fluid_")):
             return (
                 "with iterative solvers, expected factorizations of solid and fluid (2-D, no"
@@ -159,6 +167,10 @@ class InterfaceBuilder(Builder):
         return (
             "" if unknowns else "without a node that solid and fluid share, expected an interface"
         )
+
+    @property
+    def _constraints(self):
+        return linear_constraints(self.scene, self._solid_tags)
 
     @property
     def _domains(self):
@@ -195,7 +207,7 @@ class InterfaceBuilder(Builder):
             inertia=self.scene.model.solid_inertia,
             moving_mesh=self._moving and bool(self._pores),
             immersed=bool(self._pores),
-            dirichlet=self._dirichlet("displacement", self._solid_tags),
+            dirichlet=self.displacement(self._solid_tags),
             surfaces=self.surfaces(domain, "momentum", self._solid_tags),
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,

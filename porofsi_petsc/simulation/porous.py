@@ -15,7 +15,7 @@ from ..phases.setup import PoreFluidSetup, SkeletonSetup
 from ..phases.skeleton import Skeleton
 from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, entries
-from .conditions import no_slip_nodes, nodes_of
+from .conditions import AXES, no_slip_nodes, nodes_of
 from .drainage import holds_normal, require_one_drainage
 
 SYSTEMS = {"quasi_direct": QuasiDirectSystem, "direct": DirectSystem}
@@ -52,7 +52,7 @@ class PorousBuilder(Builder):
         return SkeletonSetup(
             inertia=model.solid_inertia,
             moving_mesh=model.moving_mesh,
-            dirichlet=self.dirichlet(self.mesh.dim, self.essentials("displacement")),
+            dirichlet=self.displacement(),
             surfaces=self.surfaces(self.domain, "momentum", self.mesh.facets),
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,
@@ -68,6 +68,7 @@ class PorousBuilder(Builder):
         free = self._free_tags()
         drained = {entry.tag for entry in pressures}
         self._require_pressure_level(free, drained)
+        loaded = [tag for tag in free if tag not in self._rigid_tags()]
         require_one_drainage(scene, mesh)
         inertia = model.solid_inertia or model.fluid_inertia
         return PoreFluidSetup(
@@ -76,8 +77,8 @@ class PorousBuilder(Builder):
             pressure=self.dirichlet(1, pressures),
             fluxes=self.surfaces(self.domain, "volume", mesh.facets),
             no_slip=no_slip_nodes(scene, mesh),
-            stress_nodes=nodes_of(mesh, [tag for tag in free if tag in drained]),
-            free_surface=weak_zero_on(self.domain, [tag for tag in free if tag not in drained]),
+            stress_nodes=nodes_of(mesh, [tag for tag in loaded if tag in drained]),
+            free_surface=weak_zero_on(self.domain, [tag for tag in loaded if tag not in drained]),
             has_auxiliary=inertia and self._split == "corrected",
             undrained=scene.stabilization.undrained,
             **self.of_fluid(),
@@ -98,14 +99,29 @@ class PorousBuilder(Builder):
         return "scaled" if choice.mass_scaling is not None else choice.split
 
     def _free_tags(self):
-        """Return the surfaces on which the normal displacement is not prescribed (collective)."""
+        """Return the surfaces on which the normal stress is given, not the displacement
+        (collective).
+        """
         fixed: dict[str, set[int]] = {tag: set() for b in self.scene.boundary for tag in b.on}
         for tag, component, _ in entries(self.scene, "displacement"):
             fixed[tag].add(component)
         mesh = self.mesh
         for tag in axis_tags(mesh):
             fixed.pop(tag, None)
+        for boundary in self.scene.boundary:
+            if boundary.normal_displacement is not None:
+                for tag in boundary.on:
+                    fixed.pop(tag, None)
         return [tag for tag, held in fixed.items() if not holds_normal(mesh, tag, sorted(held))]
+
+    def _rigid_tags(self):
+        """Return the surfaces whose nodes have their normal displacement in common (collective)."""
+        return {
+            tag
+            for boundary in self.scene.boundary
+            for tag in (boundary.on if boundary.equal_displacement else ())
+            if holds_normal(self.mesh, tag, [*map(AXES.index, boundary.equal_displacement)])
+        }
 
     def _require_pressure_level(self, free, drained):
         """Raise InputError where neither a pressure nor a traction sets the level of p: any

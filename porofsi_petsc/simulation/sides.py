@@ -20,6 +20,7 @@ from ..output.probes import Probes
 # a point this near to the fluid, in elements, is on the interface: far above the round-off of its
 # coordinates
 WET = 1e-6
+OF_SOLIDS = ("normal_displacement", "equal_displacement")
 
 
 def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Path) -> None:
@@ -121,6 +122,11 @@ def _require_phase(name, phases, place):
         raise InputError(
             f"{place} is on the solid, expected a surface of the fluid; prescribe a displacement"
             " instead"
+        )
+    if name in OF_SOLIDS and "fluid" in phases:
+        raise InputError(
+            f"{place} is on the fluid, expected a surface of the solid; prescribe components of"
+            " `displacement` where the mesh of the fluid is to move"
         )
     if name in CONDITIONS:
         _require_behind(CONDITIONS[name], phases, place)

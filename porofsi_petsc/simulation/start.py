@@ -18,7 +18,15 @@ from ..fem.transfer import InterfaceTransfer
 from ..phases.fluid import FluidPhase
 from ..phases.mesh_motion import MeshMotion
 from ..phases.solid import SolidPhase
-from .conditions import AXES, at_once, components, nodal_field, rate_after, sample_times
+from .conditions import (
+    AXES,
+    at_once,
+    components,
+    linear_constraints,
+    nodal_field,
+    rate_after,
+    sample_times,
+)
 
 # of the largest value: below errors of discretization, above the digits of numbers that were
 # written by hand
@@ -113,6 +121,33 @@ class _Start:
         apart = self._first_apart(conditions, self.u, values, agree)
         if apart is not None and self._has_inertia:
             self._refuse_jump(*apart)
+        if self._solid.dirichlet.constraints is not None and (self._has_inertia or given):
+            self._require_constraints()
+
+    def _require_constraints(self):
+        """Refuse a start at which a linear constraint of the displacement does not hold."""
+        dirichlet = self._solid.dirichlet
+        nodes = dirichlet.constraints.nodes
+        gap, moved = (self._gap(t)[nodes] for t in (self._now, self._scene.time.step))
+        agree = AGREE * self._largest(self.u, moved)
+        found = zip(nodes[gap > agree], gap[gap > agree], strict=True)
+        apart = first_node(self._mesh, found)
+        if apart is not None:
+            place, size = apart
+            name = linear_constraints(self._scene)[0].name
+            raise InputError(
+                f"{self._where} [{name}]: received a displacement at 0+ at the node ({place}) m"
+                f" that is {size:g} m from that of [initial]; expected the same, let it grow from"
+                " there over some steps"
+            )
+
+    def _gap(self, t):
+        """Return how far each owned node is at the start from what holds at a time, (n_owned,)
+        (collective).
+        """
+        wanted = self.u.copy()
+        self._solid.dirichlet.apply(wanted, t)
+        return np.abs(wanted - self.u)[: self._mesh.n_owned].max(axis=1, initial=0.0)
 
     @property
     def _has_inertia(self):

@@ -16,9 +16,12 @@ from scipy.sparse.csgraph import connected_components
 from ..conditions import CONDITIONS
 from ..config import Scene
 from ..errors import InputError
+from ..fem.constraints import NormalValue, common_nodes
+from ..fem.normals import nodal_normals
 from ..mesh.check import place
 from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_groups, locate_facets
+from .conditions import linear_constraints
 
 AXES = "xyz"
 PLANES = {
@@ -44,13 +47,14 @@ def require_supports(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str
     if not len(cells):
         return
     held = _held(scene, mesh, cells)
+    further = _constraints(scene, mesh)
     if mesh.element.axisymmetric:
         held[:, 0] = True  # the hoop stress holds what moves away from the axis
     part = _joined(cells)
     body = _joined(facet_groups(cells, mesh.element))
     for number in np.unique(part[~_wet(scene, mesh, of_solid, part)]):
         chosen = np.flatnonzero(part == number)
-        found = _free_motion(mesh.points, cells[chosen], body[chosen], held)
+        found = _free_motion(mesh.points, cells[chosen], body[chosen], held, further)
         if found:
             cell = chosen[found[0]]
             region = mesh.regions[mesh.cell_region[of_solid][cell]]
@@ -97,6 +101,30 @@ def _held(scene, mesh, cells):
     return held
 
 
+def _constraints(scene, mesh):
+    """Return the linear constraints as pairs of nodes and weights, (n, 2) and (n, d):
+    w · (u_first - u_second) = 0, the second -1 where there is none.
+    """
+
+    def surface(tag):
+        nodes = np.unique(mesh.facets[tag])
+        return nodes, mesh.points[nodes]
+
+    ends = [np.zeros((0, 2), dtype=np.int64)]
+    weights = [np.zeros((0, mesh.dim))]
+    for entry in linear_constraints(scene):
+        if isinstance(entry, NormalValue):
+            found = nodal_normals(mesh.points, [mesh.facets[t] for t in entry.tags], mesh.element)
+            ends.append(np.column_stack([found.node, np.full(len(found.node), -1)]))
+            weights.append(found.direction)
+            continue
+        pairs = common_nodes(entry, surface, scene.source_path or "scene")
+        for component in entry.components:
+            ends.append(pairs)
+            weights.append(np.tile(np.eye(mesh.dim)[component], (len(pairs), 1)))
+    return np.concatenate(ends), np.concatenate(weights)
+
+
 def _wet(scene, mesh, of_solid, part):
     """Return which cells of the solid, (E,) bool, belong to a part that a fluid in the same matrix
     holds by its viscosity.
@@ -125,10 +153,10 @@ def _joined(groups):
     return connected_components(graph, directed=False)[1][:rows]
 
 
-def _free_motion(points, cells, body, held):
+def _free_motion(points, cells, body, held, further):
     """Return a cell of the part and, in words, its free motion; None where the part is held.
 
-    cells (E, A), body (E,), held (N, d) bool
+    cells (E, A), body (E,), held (N, d) bool, further : of `_constraints`
     """
     nodes = np.unique(cells)
     centre = points[nodes].mean(axis=0)
@@ -136,7 +164,9 @@ def _free_motion(points, cells, body, held):
     bodies, body = np.unique(body, return_inverse=True)
     pairs = np.unique(np.column_stack([cells.ravel(), np.repeat(body, cells.shape[1])]), axis=0)
     modes = _rigid_modes((points[pairs[:, 0]] - centre) / size)
-    free = _null_space(_equations(pairs, modes, held, len(bodies)))
+    equations = _equations(pairs, modes, held, len(bodies))
+    linear = _linear_equations(pairs, modes, further, len(bodies))
+    free = _null_space(np.vstack([equations, linear]))
     if not free.shape[1]:
         return None
     motions = free.reshape(len(bodies), modes.shape[2], -1)
@@ -172,6 +202,23 @@ def _equations(pairs, modes, held, n_bodies):
         _in_columns(of_hinge, np.repeat(pairs[rows, 1], d), n_bodies) for rows in (hinge, hinge + 1)
     )
     return np.vstack([supports, one - other])
+
+
+def _linear_equations(pairs, modes, further, n_bodies):
+    """Return the equations of constraints (nodes, weights) whose nodes belong to the bodies."""
+    ends, weights = further
+    node, first = np.unique(pairs[:, 0], return_index=True)
+    at = np.minimum(np.searchsorted(node, ends), len(node) - 1)
+    there = node[at] == ends
+    inside = there[:, 0] & (there[:, 1] | (ends[:, 1] < 0))
+    at, weights, alone = first[at[inside]], weights[inside], ends[inside, 1] < 0
+    one, other = (
+        _in_columns(
+            np.einsum("nd,ndm->nm", weights, modes[at[:, end]]), pairs[at[:, end], 1], n_bodies
+        )
+        for end in (0, 1)
+    )
+    return one - np.where(alone[:, None], 0.0, other)
 
 
 def _in_columns(rows, body, n_bodies):
