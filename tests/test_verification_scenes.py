@@ -7,7 +7,6 @@ import pytest
 from running import Job, history, run_here, summary
 
 from porofsi_petsc import load_scene
-from porofsi_petsc.config.tables import table
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.exact import Cryer, Mandel, Seabed, StripFooting, UnconfinedCylinder
 from porofsi_petsc.mesh.write import write_mesh
@@ -21,17 +20,11 @@ def soil(scene):
     return found.lam, found.mu, found.diffusivity
 
 
-def test_the_plate_of_mandel_moves_as_the_exact_one():
+def test_the_listed_pressures_of_mandel_are_the_exact_ones():
     scene = load_scene("mandel")
     slab = Mandel(
         scene.reference.load * scene.reference.length, scene.reference.length, *soil(scene)
     )
-    height = scene.mesh.y.points[-1]
-    *_, value = table(scene.boundary[3].displacement.y.source, None)
-    times = np.geomspace(scene.time.step, scene.time.end, 40)
-    exact = [slab.displacement_y(height, t) for t in times]
-    assert value(times, None) == pytest.approx(exact, rel=1e-4)  # linear between rows 5 % apart
-    assert value(0.0, None) == 0.0
     for expect in (e for e in scene.expect if e.quantity == "centre.p"):
         assert slab.pressure(np.zeros(1), expect.at)[0] == pytest.approx(
             expect.value, rel=1e-6
