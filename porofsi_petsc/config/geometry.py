@@ -7,7 +7,20 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from ..elements import FAMILIES
 from ..errors import shown
-from .types import Count, Flag, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
+from .types import (
+    Count,
+    Flag,
+    Interval,
+    ListOf,
+    Name,
+    Number,
+    Positive,
+    Table,
+    Tag,
+    Text,
+    distinct,
+    wrong,
+)
 
 SIDES = {
     2: ("left", "right", "bottom", "top"),
@@ -183,12 +196,14 @@ def _from_scene(path: str, info: ValidationInfo) -> str:
 
 
 class MeshFile(Table):
-    """A mesh file with named boundaries; a relative path starts at the scene's folder."""
+    """A mesh file; a relative path starts at the scene's folder."""
 
     kind: Literal["file"]
     path: Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
     dim: Literal[2, 3]
     axisymmetric: Flag = False
+    array: Tag | None = None
+    groups: Annotated[tuple[Tag, ...], ListOf(), AfterValidator(distinct)] = ()
 
     @model_validator(mode="after")
     def _sections_are_plane(self):
