@@ -64,15 +64,16 @@ def test_an_assembly_of_abaqus(tmp_path):
     more += ["*Instance, name=I-1, part=P", "1., 2., 3.", "*End Instance"]
     more += ["*Elset, elset=_top_S2, internal, instance=I-1, generate", "29, 37, 1"]
     more += ["*Surface, type=ELEMENT, name=lid", "_top_S2, S2"]
-    more += ["*Nset, nset=half, instance=I-1", ", ".join(map(str, bottom[:6])), "*Nset, nset=base"]
-    more += ["half,", *(f"{n}," for n in bottom[6:]), "*End Assembly", "*Step", "*End Step"]
+    more += ["*Nset, nset=half, instance=I-1", ", ".join(map(str, bottom[:3])), "*Nset, nset=base"]
+    more += ["half,", *(f"{n}," for n in bottom[3:]), "*End Assembly", "*Step", "*End Step"]
     text = abaqus(mesh, more, before=["*Part, name=P"])
     begin = text.index("*Surface, type=ELEMENT, name=left")
     (tmp_path / "a.inp").write_text(text[:begin] + text[text.index("*Solid Section") :])
-    read = read_mesh(tmp_path / "a.inp", 3, Reading(groups=("Eall", "lid", "base")))
+    read = read_mesh(tmp_path / "a.inp", 3, Reading(groups=("core", "lid", "base")))
     assert np.array_equal(read.points, mesh.points + [1, 2, 3])
     assert same_facets({"b": read.facets["base"]}, {"b": mesh.facets["bottom"]})
     assert same_facets({"t": read.facets["lid"]}, {"t": mesh.facets["top"]})
+    assert read.regions == ("body", "core")
     assert read_mesh(tmp_path / "a.inp", 3).regions == ("Eall",)
 
 
