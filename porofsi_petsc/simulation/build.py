@@ -15,6 +15,7 @@ from ..mesh.graph import node_graph
 from ..mesh.interface import INTERFACE, with_interface
 from ..mesh.mesh import Mesh
 from ..mesh.read import Reading, read_mesh
+from ..mesh.select import with_tags
 from ..output.files import on_root
 from .auto import AnyMedium, AutoMedium, auto_terms
 from .axis import check_axis
@@ -36,6 +37,7 @@ def serial_mesh(scene: Scene) -> Mesh:
         if section.kind == "file"
         else _generated(section, where)
     )
+    mesh = with_tags(mesh, section.tag, where)
     if scene.axisymmetric:
         mesh = around_axis(mesh, where)
     on_axis = tags_on_axis(mesh, where)
