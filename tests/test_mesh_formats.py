@@ -1,9 +1,10 @@
 """Mesh files of other programs than Gmsh, in the dialects that are found."""
 
+import meshio
 import numpy as np
 import pytest
 from grids import grid
-from test_mesh_read import AXIS, MESHES, refused, same_facets
+from test_mesh_read import AXIS, MESHES, as_meshio, blocks, refused, same_facets
 
 from porofsi_petsc.mesh import read_mesh
 from porofsi_petsc.mesh.read import Reading
@@ -53,7 +54,7 @@ def test_sets_and_surfaces_of_abaqus(tmp_path, name):
     read = read_mesh(tmp_path / "a.inp", mesh.dim)
     assert np.array_equal(read.points, mesh.points) and np.array_equal(read.cells, mesh.cells)
     assert same_facets(read.facets, mesh.facets) and set(read.regions) == set(mesh.regions)
-    assert read.notes == ("groups of cells left out, all of which are in finer groups: Eall",)
+    assert read.notes == ("groups of cells left out, all of which are in other groups: Eall",)
 
 
 def test_an_assembly_of_abaqus(tmp_path):
@@ -119,3 +120,66 @@ def test_prisms_over_polygons_are_cut(tmp_path, n):
     assert len(mesh.facets["top"]) == len(mesh.facets["bottom"]) == n - 2
     assert sum(map(len, mesh.facets.values())) == 2 * (n - 2) + 2 * n
     assert mesh.notes[0] == "2 prisms over pentagons or hexagons are cut into wedges"
+
+
+ARRAYS = {  # array over the cells, in which meshio writes numbers
+    ".vtk": "MaterialIDs",
+    ".vtu": "material_id",
+    ".xdmf": "MaterialIDs",
+    ".mesh": "medit:ref",
+    ".bdf": "nastran:ref",
+}
+
+
+@pytest.mark.parametrize("name", ["T3", "Q4", "T4", "H8"])
+@pytest.mark.parametrize("suffix", ARRAYS)
+def test_numbers_of_materials(tmp_path, suffix, name):
+    mesh = MESHES[name]
+    source = as_meshio(mesh.points, blocks(mesh))
+    numbers = source.cell_data["gmsh:physical"]
+    other = [np.zeros(len(n), dtype=int) for n in numbers]
+    arrays = {ARRAYS[suffix]: numbers} | ({"other": other} if suffix in (".vtk", ".vtu") else {})
+    meshio.Mesh(source.points, source.cells, cell_data=arrays).write(tmp_path / f"a{suffix}")
+    read = read_mesh(tmp_path / f"a{suffix}", mesh.dim)
+    assert np.allclose(read.points, mesh.points, rtol=0, atol=1e-12)
+    groups = {f"group_{source.field_data[tag][0]}": nodes for tag, nodes in mesh.facets.items()}
+    assert same_facets(read.facets, groups)
+    assert set(read.regions) == {f"group_{source.field_data[r][0]}" for r in mesh.regions}
+
+
+@pytest.mark.parametrize("name", ["T6", "T4", "H20"])
+def test_families_of_a_med_file(tmp_path, name):
+    """A family is in all groups whose names it has; nodes have families too."""
+    mesh = MESHES[name]
+    groups = blocks(mesh)
+    kinds = list(dict.fromkeys(kind for kind, *_ in groups))
+    cells = [(k, np.concatenate([c for kind, _, _, c in groups if kind == k])) for k in kinds]
+    names = [[n for kind, _, n, _ in groups if kind == k] for k in kinds]
+    sizes = [[len(c) for kind, _, _, c in groups if kind == k] for k in kinds]
+    families = {
+        n: -6 - i for i, n in enumerate(dict.fromkeys(n for of_kind in names for n in of_kind))
+    }
+    families["top"] = families["bottom"] = 0
+    numbers = [
+        np.repeat([families[n] for n in of_kind], size)
+        for of_kind, size in zip(names, sizes, strict=True)
+    ]
+    source = meshio.Mesh(mesh.points, cells, cell_data={"cell_tags": numbers})
+    own = {f: [n] for n, f in families.items() if f}
+    own[families["left"]] += ["sides"]
+    own[families["right"]] += ["sides"]
+    on_bottom = mesh.points[:, -1] == 0
+    source.point_data["point_tags"] = np.where(on_bottom, 3, 0)
+    source.cell_tags, source.point_tags = own, {3: ["floor"]}
+    source.write(tmp_path / "a.med")
+    read = read_mesh(tmp_path / "a.med", mesh.dim)
+    expected = mesh.facets | {"floor": mesh.facets["bottom"]}
+    expected = {tag: nodes for tag, nodes in expected.items() if tag != "bottom"}
+    assert same_facets(read.facets, expected) and set(read.regions) == set(mesh.regions)
+    assert "groups of facets left out, all of which are in other groups: sides" in read.notes
+
+
+@pytest.mark.parametrize("suffix", [".e", ".EXO", ".mdpa", ".unv"])
+def test_formats_whose_groups_are_not_read(tmp_path, suffix):
+    (tmp_path / f"a{suffix}").write_text("CDF")
+    refused(tmp_path / f"a{suffix}", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")

@@ -518,6 +518,25 @@ def test_a_body_split_by_doubled_nodes_is_refused(tmp_path):
     refused_groups(tmp_path, points, split, r"6 boundary facets .* on others, the first at \(1, ")
 
 
+@pytest.mark.parametrize("name", ["Q4", "H8"])
+def test_cells_that_do_not_fit_together_are_refused(tmp_path, name):
+    """One cell is cut into 2^d, its neighbours are not."""
+    mesh = grid(name, [AXIS] * MESHES[name].dim)
+    one = SimpleNamespace(points=[0.0, 1.0], cells=[2], ratios=None)
+    fine = grid(name, [one] * mesh.dim)
+    fine.points[:] *= 0.5
+    place = {tuple(x): i for i, x in enumerate(mesh.points)}
+    points, number = [*mesh.points], []
+    for x in fine.points:
+        number.append(place.setdefault(tuple(x), len(points)))
+        points += [x] if number[-1] == len(points) else []
+    (first,) = np.flatnonzero(mesh.points[mesh.cells].max(axis=(1, 2)) <= 0.5)
+    cells = np.vstack([np.delete(mesh.cells, first, axis=0), np.array(number)[fine.cells]])
+    group = (mesh.element.meshio_name, mesh.dim, "body", cells)
+    message = "nodes lie on boundary facets without a name that have other vertices, the first at"
+    refused_groups(tmp_path, np.array(points), [group], message, mesh.dim)
+
+
 def test_facet_with_two_tags(tmp_path):
     mesh = MESHES["T3"]
     doubled = ("line", 1, "second", mesh.facets["strip"][:1, ::-1])

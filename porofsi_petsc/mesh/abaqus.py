@@ -98,7 +98,10 @@ def _keywords(path: Path, depth: int = 0) -> Iterator[Keyword]:
             keywords[-1].lines.append([word.strip() for word in line.strip(",").split(",")])
     for keyword in keywords:
         if keyword.name == "INCLUDE":
-            yield from _keywords(path.parent / keyword.given["INPUT"], depth + 1)
+            included = path.parent / keyword.given.get("INPUT", "")
+            if not included.is_file():
+                raise Unusable(f"*INCLUDE of {included.name}, and there is no such file beside it")
+            yield from _keywords(included, depth + 1)
         else:
             yield keyword
 

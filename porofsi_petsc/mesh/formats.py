@@ -16,6 +16,12 @@ from .source import Block, Source, Unusable
 # Formats of surfaces, or in several files; meshio's readers of most of them do not end on broken
 # ones.
 WITHOUT_GROUPS = (".dat", ".ele", ".node", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
+# Formats whose groups meshio does not read.
+NOT_READ = {
+    **dict.fromkeys((".e", ".ex2", ".exo", ".g"), "an Exodus file, whose side sets are not read"),
+    ".mdpa": "a file of Kratos, whose groups are not read",
+    ".unv": "a universal file, whose groups are not read",
+}
 NASTRAN = (".bdf", ".fem", ".nas")
 OWN = {".msh": read_gmsh, ".inp": read_abaqus}
 # Cells of VTK that meshio knows, but for their dimension
@@ -36,6 +42,9 @@ def read_source(path: Path) -> Source:
     if suffix in WITHOUT_GROUPS:
         advice = "give a mesh of cells in named groups, such as Gmsh .msh 2.2 or 4.1"
         raise InputError(f"{path}: a {path.suffix} file has no named boundaries; {advice}")
+    if suffix in NOT_READ:
+        advice = "save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus .inp or MED"
+        raise InputError(f"{path}: {NOT_READ[suffix]}; {advice}")
     if suffix in NASTRAN and b"ENDDATA" not in path.read_bytes().rpartition(b"BEGIN BULK")[2]:
         # meshio would look for it for ever
         raise InputError(
@@ -86,6 +95,9 @@ def _read_by_meshio(path):
     if getattr(source, "cell_tags", None):
         sets |= _families(arrays.pop("cell_tags", []), source.cell_tags)
     nodes = {name: _members(part) for name, part in source.point_sets.items()}
+    if getattr(source, "point_tags", None):
+        of_nodes = _families([source.point_data["point_tags"]], source.point_tags)
+        nodes |= {name: parts[0] for name, parts in of_nodes.items()}
     return Source(source.points, blocks, sets, arrays, nodes)
 
 

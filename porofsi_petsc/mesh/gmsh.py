@@ -85,7 +85,9 @@ def read_gmsh(path: Path) -> Source:
 
 def _header(data):
     """Return version, whether it is text, bytes of a size, byte order and where the rest begins."""
-    at = data.index(b"$MeshFormat")
+    at = data.find(b"$MeshFormat")
+    if at < 0:
+        raise ValueError("it has no $MeshFormat, as files of Gmsh have")
     begin = data.index(b"\n", at) + 1
     end = data.index(b"\n", begin)
     version, kind, size = data[begin:end].split()[:3]

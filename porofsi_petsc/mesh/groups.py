@@ -63,13 +63,15 @@ def _numbers(source, array):
 
 
 def one_each(
-    sets: Mapping[str, np.ndarray], count: int, chosen: bool
+    sets: Mapping[str, np.ndarray], count: int, chosen: bool, alike: bool
 ) -> tuple[dict[str, np.ndarray], list[str], tuple[str, str, int] | None]:
     """Return sets without those that finer ones make up, the names left out, and two that overlap
     with a member of both, None where no two do.
 
     sets : name -> members, numbers below count.  A set goes if it has all the members there are,
-    or those of smaller sets together.  chosen : the first of two sets keeps a common member.
+    or those of smaller sets together, or those of a set with a name where it has only a number.
+    chosen : the first of two sets keeps a common member.  alike : of sets with the same members one
+    is enough.
     """
     times = np.zeros(count, dtype=np.int64)
     for members in sets.values():
@@ -84,11 +86,24 @@ def one_each(
             taken[members] = True
         return {name: members for name, members in kept.items() if len(members)}, [], None
     left_out = []
-    for name in sorted(sets, key=lambda name: -len(sets[name])):
-        if len(kept) > 1 and _is_made_up(name, kept, count):
+    for name in sorted(sets, key=lambda name: (-len(sets[name]), not _is_plain(name))):
+        if _is_made_up(name, kept, count) or _is_double(name, kept, alike):
             del kept[name]
             left_out.append(name)
     return kept, left_out, _overlap(kept, count)
+
+
+def _is_plain(name):
+    """Return whether a name is one that nobody chose: a number, or of Abaqus's own making."""
+    return name.startswith(("group_", "_"))
+
+
+def _is_double(name, sets, alike):
+    """Return whether there is a set with the same members to keep for this one."""
+    return any(
+        other != name and (alike or _is_plain(name)) and np.array_equal(sets[name], members)
+        for other, members in sets.items()
+    )
 
 
 def _is_made_up(name, sets, count):

@@ -15,7 +15,7 @@ from .formats import read_source
 from .generate import DEFAULT_REGION
 from .groups import named_sets, one_each
 from .mesh import Mesh
-from .sides import named_sides, require_no_doubled_nodes
+from .sides import named_sides, require_joined
 from .topology import facet_groups, locate_facets, shares
 
 
@@ -150,7 +150,7 @@ def _drop_orphans(body):
 
 def _regions(body, sets, chosen):
     """Return the names of the regions that have cells and the index of each cell's region."""
-    kept, left_out, overlapping = one_each(sets, len(body.cells), chosen)
+    kept, left_out, overlapping = one_each(sets, len(body.cells), chosen, alike=True)
     if overlapping is not None:
         first, second, cell = overlapping
         at = check.place(body.points[body.cells[cell]].mean(axis=0))
@@ -174,7 +174,7 @@ def _in_two(body, what, first, second):
 def _note_left_out(body, names, what):
     if names:
         body.notes.append(
-            f"groups of {what} left out, all of which are in finer groups: {listed(names)}"
+            f"groups of {what} left out, all of which are in other groups: {listed(names)}"
         )
 
 
@@ -219,7 +219,7 @@ def _named_facets(body, sets, chosen):
     boundary = _boundary(body)
     keys = np.unique(np.concatenate([boundary, *sets.values()]))
     places = {name: np.searchsorted(keys, own) for name, own in sets.items()}
-    kept, left_out, overlapping = one_each(places, len(keys), chosen)
+    kept, left_out, overlapping = one_each(places, len(keys), chosen, alike=False)
     if overlapping is not None:
         first, second, facet = overlapping
         at = check.place(body.points[body.corners(keys[[facet]])[0]].mean(axis=0))
@@ -229,7 +229,7 @@ def _named_facets(body, sets, chosen):
     for own in kept.values():
         named[own] = True
     bare = ~named[np.searchsorted(keys, boundary)]
-    require_no_doubled_nodes(body.points, body.corners(boundary), bare, body.path)
+    require_joined(body.points, body.corners(boundary), bare, body.path)
     place_of = tuple(np.divmod(boundary[bare], len(body.element.facets)))
     rest = named_sides(body.points, body.cells, body.element, place_of, set(kept))
     if rest:

@@ -15,6 +15,8 @@ from .topology import cell_facets
 
 # of the largest side of the box around the mesh: digits of a mesh file
 ROUND_OFF = 1e-6
+DOUBLED = 1e-6  # of the size of a facet, up to which a node lies on it
+NEAR = 1e-3  # the same of a vertex of its own
 FEATURE = 30.0  # [degrees] between the normals of neighbours, above which a side ends
 
 
@@ -105,26 +107,58 @@ def _neighbours(corners):
     return facet[order][1:][same], facet[order][:-1][same]
 
 
-def require_no_doubled_nodes(
+def require_joined(
     points: np.ndarray, corners: np.ndarray, nameless: np.ndarray, where: Path
 ) -> None:
-    """Raise InputError where a boundary facet without a name lies on another one: the body would
-    be split there.
+    """Raise InputError where a boundary facet without a name lies on another one, or a vertex of
+    another one lies on it: the body would be split there.
 
     points : (N, d) [m].  corners : (F, V) of all boundary facets.  nameless : (F,) bool
     """
-    if not nameless.any():
-        return
-    X = points[corners]
+    bare = corners[nameless]
+    X = points[bare]
     centres = X.mean(axis=1)
-    size = np.ptp(X, axis=1).max(axis=1)
-    tree = cKDTree(centres)
-    distance = tree.query(centres[nameless], k=2)[0][:, 1] if len(corners) > 1 else np.empty(0)
-    double = np.flatnonzero(distance <= 1e-6 * size[nameless])
+    size = np.linalg.norm(X - centres[:, None], axis=2).max(axis=1, initial=0)
+    all_centres = cKDTree(points[corners].mean(axis=1))
+    double = np.flatnonzero(
+        all_centres.query_ball_point(centres, DOUBLED * size, return_length=True) > 1
+    )
     if len(double):
-        at = place(centres[nameless][double[0]])
         raise InputError(
             f"{where}: {len(double)} boundary facets without a name lie on others, the first at"
-            f" {at}: the nodes there are doubled and the body is split; merge them in the program"
-            " that wrote the mesh, or name both sides"
+            f" {place(centres[double[0]])}: the nodes there are doubled and the body is split;"
+            " merge them in the program that wrote the mesh, or name both sides"
         )
+    hanging = _hanging(points, bare, np.unique(corners), centres, size)
+    if len(hanging):
+        raise InputError(
+            f"{where}: {len(hanging)} nodes lie on boundary facets without a name that have other"
+            f" vertices, the first at {place(points[hanging[0]])}: the cells on both sides do not"
+            " fit together and the body is split; mesh it without hanging nodes, or name both sides"
+        )
+
+
+def _hanging(points, facets, vertices, centres, size):
+    """Return which of the vertices (n,) lie on one of the facets (F, V) and are none of its own."""
+    near = cKDTree(points[vertices]).query_ball_point(centres, size)
+    facet = np.repeat(np.arange(len(facets)), [len(found) for found in near])
+    node = vertices[np.concatenate([np.empty(0, dtype=np.int64), *near]).astype(np.int64)]
+    other = (facets[facet] != node[:, None]).all(axis=1)
+    facet, node = facet[other], node[other]
+    found = np.zeros(len(node), dtype=bool)
+    for part in {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2], [0, 2, 3]]}[facets.shape[1]]:
+        found |= _on_simplex(points[node], points[facets[facet][:, part]], DOUBLED * size[facet])
+    return np.unique(node[found])
+
+
+def _on_simplex(x, X, tolerance):
+    """Return which points (n, d) lie on lines or triangles (n, k, d), (n,), no corner of which is
+    near.
+    """
+    edges = X[:, 1:] - X[:, :1]
+    away = x - X[:, 0]
+    inverse = np.linalg.pinv(edges @ edges.swapaxes(1, 2), hermitian=True)
+    lam = np.einsum("nij,njd,nd->ni", inverse, edges, away)
+    rest = np.linalg.norm(away - np.einsum("ni,nid->nd", lam, edges), axis=1)
+    lam = np.column_stack([1 - lam.sum(axis=1), lam])
+    return (rest <= tolerance) & (lam >= -DOUBLED).all(axis=1) & (lam <= 1 - NEAR).all(axis=1)
