@@ -15,6 +15,7 @@ from grids import grid
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.mesh import Mesh, read_mesh
+from porofsi_petsc.mesh.read import Reading
 
 AXIS = SimpleNamespace(points=[0.0, 1.0, 2.0], cells=[2, 1], ratios=None)
 PATCH = SimpleNamespace(name="strip", side="top", x=[0.0, 1.0])
@@ -133,7 +134,7 @@ def test_gmsh_files_come_back_by_name_in_their_own_numbering(tmp_path, name, wri
     }
 
 
-def test_other_format_with_integer_tags_gets_numbers_as_names(tmp_path):
+def test_groups_of_another_format_that_have_only_numbers(tmp_path):
     mesh = MESHES["T3"]
     source = as_meshio(mesh.points, blocks(mesh))
     numbers = source.cell_data["gmsh:physical"]
@@ -141,12 +142,20 @@ def test_other_format_with_integer_tags_gets_numbers_as_names(tmp_path):
         tmp_path / "a.vtu", binary=False
     )
     read = read_mesh(tmp_path / "a.vtu", 2)
-    assert sorted(read.facets) == ["1", "2", "3", "4", "5"] and read.regions == ("6", "7")
-    meshio.Mesh(source.points, source.cells, cell_data={"tag": numbers, "other": numbers}).write(
-        tmp_path / "b.vtu", binary=False
-    )
-    with pytest.raises(InputError, match=r"several integer arrays over the cells \(tag, other\)"):
-        read_mesh(tmp_path / "b.vtu", 2)
+    assert sorted(read.facets) == [f"group_{i}" for i in range(1, 6)]
+    assert read.regions == ("group_6", "group_7")
+    other = [np.full(len(numbers_of), 3) for numbers_of in numbers]
+    cell = np.split(np.arange(sum(map(len, numbers))), np.cumsum([*map(len, numbers)])[:-1])
+    arrays = {"tag": numbers, "other": other, "number of the cell": cell}
+    meshio.Mesh(source.points, source.cells, cell_data=arrays).write(tmp_path / "b.vtu")
+    refused(tmp_path / "b.vtu", 2, r"several integer arrays over the cells \(tag, other\)")
+    named = read_mesh(tmp_path / "b.vtu", 2, Reading(array="tag"))
+    assert same_facets(named.facets, read.facets) and named.regions == read.regions
+    with pytest.raises(InputError, match="mesh.array = 'tags', but .*; choose from tag, other"):
+        read_mesh(tmp_path / "b.vtu", 2, Reading(array="tags"))
+    arrays["MaterialIDs"] = arrays.pop("tag")
+    meshio.Mesh(source.points, source.cells, cell_data=arrays).write(tmp_path / "c.vtu")
+    assert read_mesh(tmp_path / "c.vtu", 2).regions == read.regions
 
 
 def test_other_format_with_named_cell_sets(tmp_path):
@@ -419,50 +428,113 @@ def test_folded_curved_cell_is_named_with_the_place(tmp_path, name):
     )
 
 
-def test_orphan_nodes_are_counted(tmp_path):
-    mesh = MESHES["T3"]
-    points = np.vstack([mesh.points, [[5.0, 5.0], [6.0, 6.0]]])
-    refused_groups(
-        tmp_path,
-        points,
-        blocks(mesh),
-        rf"2 nodes belong to no cell.* node {len(mesh.points)} .* at \(5, 5\)",
+def test_nodes_of_no_cell_are_left_out_and_counted(tmp_path):
+    mesh = MESHES["T6"]
+    points = np.vstack([[[5.0, 5.0]], mesh.points, [[6.0, 6.0]]])
+    moved = [(kind, dim, name, nodes + 1) for kind, dim, name, nodes in blocks(mesh)]
+    write22(tmp_path / "a.msh", points, moved)
+    read = read_mesh(tmp_path / "a.msh", 2)
+    assert np.array_equal(read.points, mesh.points) and same_facets(read.facets, mesh.facets)
+    assert len(read.notes) == 1 and read.notes[0].startswith(
+        "2 nodes of the file belong to no cell, the first at (5, 5)"
     )
 
 
 @pytest.mark.parametrize("write", [write22, write41])
-def test_untagged_boundary_is_located(tmp_path, write):
-    mesh = MESHES["T3"]
-    groups = [group for group in blocks(mesh) if group[2] != "strip"]
-    refused_groups(
-        tmp_path,
-        mesh.points,
-        groups,
-        r"2 boundary facets have no tag, the first at \(0.\d+, 2\)",
-        write=write,
-    )
+@pytest.mark.parametrize("name", MESHES)
+def test_what_is_in_no_group_has_a_name_by_its_place(tmp_path, name, write):
+    mesh = MESHES[name]
+    groups = [(kind, dim, None, nodes) for kind, dim, name, nodes in blocks(mesh) if name != "top"]
+    write(tmp_path / "a.msh", mesh.points, groups)
+    read = read_mesh(tmp_path / "a.msh", mesh.dim)
+    top = np.concatenate([mesh.facets["top"], mesh.facets["strip"]])
+    sides = {tag: nodes for tag, nodes in mesh.facets.items() if tag != "strip"} | {"top": top}
+    assert same_facets(read.facets, sides) and read.regions == ("body",)
+    assert "boundary facets have no name in the file" in read.notes[0]
 
 
-def test_cells_without_a_physical_group(tmp_path):
+@pytest.mark.parametrize("write", [write22, write41])
+def test_groups_beside_what_is_in_none(tmp_path, write):
+    """The part of the top that has no name does not become one with a group of that name."""
+    mesh = MESHES["T4"]
+    kept = {"strip": "top", "left": "left", "core": "core"}
+    groups = [(kind, dim, kept.get(name), nodes) for kind, dim, name, nodes in blocks(mesh)]
+    write(tmp_path / "a.msh", mesh.points, groups)
+    read = read_mesh(tmp_path / "a.msh", 3)
+    assert read.regions == ("body", "core")
+    assert {*read.facets} == {"top", "left", "right", "front", "back", "bottom", "side_1"}
+    expected = {**mesh.facets, "side_1": mesh.facets["top"], "top": mesh.facets["strip"]}
+    assert same_facets(read.facets, {tag: n for tag, n in expected.items() if tag != "strip"})
+
+
+@pytest.mark.parametrize("write", [write22, write41])
+def test_groups_without_names_have_their_numbers(tmp_path, write):
+    mesh = MESHES["Q4"]
+    write(tmp_path / "a.msh", mesh.points, blocks(mesh))
+    text = (tmp_path / "a.msh").read_text()
+    begin, end = text.index("$PhysicalNames"), text.index("$EndPhysicalNames\n") + 18
+    (tmp_path / "a.msh").write_text(text[:begin] + text[end:])
+    read = read_mesh(tmp_path / "a.msh", 2)
+    assert sorted(read.facets) == [f"group_{i}" for i in range(1, 6)]
+    assert sorted(read.regions) == ["group_6", "group_7"]
+
+
+@pytest.mark.parametrize("file_format", ["gmsh22", "gmsh"])
+@pytest.mark.parametrize("name", ["Q9", "T10", "H20", "H27"])
+def test_binary_files_of_gmsh(tmp_path, name, file_format):
+    mesh = MESHES[name]
+    source = as_meshio(mesh.points, blocks(mesh))
+    if file_format == "gmsh":  # 4.1, of which meshio sorts the nodes by their entities
+        entities = [(block.dim, 1 + i) for i, block in enumerate(source.cells)]
+        source.point_data["gmsh:dim_tags"] = np.resize(entities, (len(mesh.points), 2))
+        source.cell_data["gmsh:geometrical"] = [
+            np.full(len(block.data), i) for i, block in enumerate(source.cells, start=1)
+        ]
+    source.write(tmp_path / "a.msh", file_format=file_format, binary=True)
+    read = read_mesh(tmp_path / "a.msh", mesh.dim)
+    place = {tuple(x): i for i, x in enumerate(mesh.points)}
+    number = np.array([place[tuple(x)] for x in read.points])
+    assert same_facets({tag: number[nodes] for tag, nodes in read.facets.items()}, mesh.facets)
+    assert set(map(tuple, number[read.cells])) == set(map(tuple, mesh.cells))
+    assert set(read.regions) == set(mesh.regions)
+
+
+def test_two_groups_of_one_name_in_two_dimensions(tmp_path):
     mesh = MESHES["T3"]
-    groups = [(k, d, None if n == "core" else n, c) for k, d, n, c in blocks(mesh)]
-    refused_groups(
-        tmp_path,
-        mesh.points,
-        groups,
-        r"12 of 18 cells have no named physical group, the first is cell \d+",
-    )
-    refused_groups(
-        tmp_path,
-        mesh.points,
-        groups,
-        "some elements have no physical group.*SaveAll",
-        write=write41,
-    )
-    nameless = as_meshio(mesh.points, blocks(mesh))
-    nameless.field_data = {}
-    nameless.write(tmp_path / "b.msh", file_format="gmsh22", binary=False)
-    refused(tmp_path / "b.msh", 2, "18 of 18 cells have no named physical group")
+    groups = [(k, d, "core" if n == "strip" else n, c) for k, d, n, c in blocks(mesh)]
+    write41(tmp_path / "a.msh", mesh.points, groups)
+    read = read_mesh(tmp_path / "a.msh", 2)
+    assert set(read.regions) == {"body", "core"}
+    assert same_facets({"core": read.facets["core"]}, {"core": mesh.facets["strip"]})
+
+
+def test_a_body_split_by_doubled_nodes_is_refused(tmp_path):
+    """Sides that lie on each other would be free where nobody says so."""
+    mesh = MESHES["T3"]
+    right = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 1
+    points = np.vstack([mesh.points, mesh.points])
+    cells = mesh.cells + right[:, None] * len(mesh.points)
+    split = [("triangle", 2, None, cells)]
+    refused_groups(tmp_path, points, split, r"6 boundary facets .* on others, the first at \(1, ")
+
+
+@pytest.mark.parametrize("name", ["Q4", "H8"])
+def test_cells_that_do_not_fit_together_are_refused(tmp_path, name):
+    """One cell is cut into 2^d, its neighbours are not."""
+    mesh = grid(name, [AXIS] * MESHES[name].dim)
+    one = SimpleNamespace(points=[0.0, 1.0], cells=[2], ratios=None)
+    fine = grid(name, [one] * mesh.dim)
+    fine.points[:] *= 0.5
+    place = {tuple(x): i for i, x in enumerate(mesh.points)}
+    points, number = [*mesh.points], []
+    for x in fine.points:
+        number.append(place.setdefault(tuple(x), len(points)))
+        points += [x] if number[-1] == len(points) else []
+    (first,) = np.flatnonzero(mesh.points[mesh.cells].max(axis=(1, 2)) <= 0.5)
+    cells = np.vstack([np.delete(mesh.cells, first, axis=0), np.array(number)[fine.cells]])
+    group = (mesh.element.meshio_name, mesh.dim, "body", cells)
+    message = "nodes lie on boundary facets without a name that have other vertices, the first at"
+    refused_groups(tmp_path, np.array(points), [group], message, mesh.dim)
 
 
 def test_facet_with_two_tags(tmp_path):
@@ -472,16 +544,21 @@ def test_facet_with_two_tags(tmp_path):
         tmp_path,
         mesh.points,
         [doubled, *blocks(mesh)],
-        r"1 facets carry two tags, .* \('second' and 'strip'\) at \(",
+        r"the facet at \(.*\) is in two groups, '(strip|second)' and '(strip|second)'; leave",
     )
     groups = [(k, d, ("strip", "lid") if n == "strip" else n, c) for k, d, n, c in blocks(mesh)]
     refused_groups(
         tmp_path,
         mesh.points,
         groups,
-        r"the line at \(.*\) is in two groups, 'strip' and 'lid'",
+        r"the facet at \(.*\) is in two groups, 'strip' and 'lid'",
         write=write41,
     )
+    read = read_mesh(tmp_path / "a.msh", 2, Reading(groups=("lid", "strip", "left", "right")))
+    assert {*read.facets} == {"lid", "left", "right", "bottom", "top"}
+    assert same_facets({"": read.facets["lid"]}, {"": mesh.facets["strip"]})
+    with pytest.raises(InputError, match="mesh.groups names 'lids', which the file does not have"):
+        read_mesh(tmp_path / "a.msh", 2, Reading(groups=("lids",)))
 
 
 def test_facet_of_no_cell_and_doubled_cell(tmp_path):
@@ -516,12 +593,8 @@ def test_facet_with_an_unlisted_node(tmp_path, node):
         (k, d, n, np.where(np.arange(len(c))[:, None] == 0, node, c) if n == "left" else c)
         for k, d, n, c in blocks(mesh)
     ]
-    source = as_meshio(mesh.points, broken)
-    (tmp_path / "a.msh").write_text("$")
-    with mock.patch("meshio.read", lambda *_, **__: source):
-        refused(
-            tmp_path / "a.msh", 2, r"facet \d+ \(counted from 0\) has a node missing in the file"
-        )
+    write22(tmp_path / "a.msh", mesh.points, broken)
+    refused(tmp_path / "a.msh", 2, r"facet \d+ \(counted from 0\) has a node missing in the file")
 
 
 def test_cell_with_an_unlisted_node(tmp_path):

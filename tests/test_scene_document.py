@@ -40,6 +40,7 @@ TABLES = {
     "mesh.x, mesh.y, mesh.z": geometry.Axis,
     "mesh.patches": geometry.Patch,
     "mesh.regions": geometry.Region,
+    "mesh.tag": geometry.TagOf,
     "[model]": sections.Model,
     "[limits]": sections.Limits,
     "[time]": sections.Time,

@@ -4,10 +4,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
 
 from ..elements import FAMILIES
 from ..errors import shown
-from .types import Count, Flag, Interval, ListOf, Name, Number, Positive, Table, Text, wrong
+from .types import (
+    Count,
+    Flag,
+    Formula,
+    Interval,
+    ListOf,
+    Name,
+    Number,
+    Positive,
+    Table,
+    Tag,
+    Text,
+    distinct,
+    wrong,
+)
 
 SIDES = {
     2: ("left", "right", "bottom", "top"),
@@ -19,6 +34,7 @@ if TYPE_CHECKING:
 else:
     PlaneCells, SolidCells = (Literal[tuple(FAMILIES[dim])] for dim in (2, 3))
 
+CONDITIONS = ("plane", "box", "cylinder", "formula", "normal")  # of what gets a tag
 SECTION = "expected a plane mesh, the section of the body in x = r and y = z; leave it out"
 
 
@@ -53,10 +69,9 @@ class Axis(Table):
         return self.model_copy(update={"ratios": ratios})
 
 
-class Block(Table):
-    """A named part of a generated mesh; an absent interval [m] means the whole axis."""
+class Limits(Table):
+    """A box along the axes; an absent interval [m] means the whole axis."""
 
-    name: Name
     x: Interval | None = None
     y: Interval | None = None
     z: Interval | None = None
@@ -70,6 +85,12 @@ class Block(Table):
         return self
 
 
+class Block(Limits):
+    """A named part of a generated mesh; an absent interval [m] means the whole axis."""
+
+    name: Name
+
+
 class Region(Block):
     """A named volume."""
 
@@ -80,7 +101,105 @@ class Patch(Block):
     side: Literal["left", "right", "front", "back", "bottom", "top"]
 
 
-class Generated(Table):
+class Plane(Table):
+    """A plane, in two dimensions a line: one coordinate, or a point and the normal."""
+
+    x: Number | None = None
+    y: Number | None = None
+    z: Number | None = None
+    point: Annotated[tuple[Number, ...], ListOf()] = ()
+    normal: Annotated[tuple[Number, ...], ListOf()] = ()
+
+    @model_validator(mode="after")
+    def _is_one_plane(self):
+        given = [axis for axis in "xyz" if getattr(self, axis) is not None]
+        both = bool(self.point) and any(self.normal)
+        if len(given) + both != 1 or bool(self.point) != bool(self.normal):
+            raise wrong("expected one coordinate, such as { x = 0.5 }, or point and normal")
+        return self
+
+    def resolved(self, dim: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return a point [m] and the normal, (dim,) each."""
+        if self.point:
+            return self.point, self.normal
+        values = [getattr(self, axis) for axis in "xyz"[:dim]]
+        point = tuple(value or 0.0 for value in values)
+        return point, tuple(float(value is not None) for value in values)
+
+
+class CylinderOf(Table):
+    """A cylinder around an axis, in two dimensions a circle."""
+
+    point: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)]
+    axis: Annotated[tuple[Number, ...], ListOf()] = ()
+    radius: Positive
+    surface: Flag = False
+
+
+class TagOf(Table):
+    """A name for boundary facets, or for cells, that meet all conditions given."""
+
+    name: Tag
+    cells: Flag = False
+    of: Tag | None = None
+    plane: Plane | None = None
+    box: Limits | None = None
+    cylinder: CylinderOf | None = None
+    formula: Formula | None = None
+    normal: Annotated[tuple[Number, ...], ListOf()] | None = None
+    angle: Annotated[Positive, Field(le=90)] = 10.0
+
+    @model_validator(mode="after")
+    def _has_a_condition(self):
+        if all(getattr(self, key) is None for key in CONDITIONS):
+            raise wrong(f"received no condition, expected {', '.join(CONDITIONS[:-1])} or normal")
+        if self.cells and (self.normal is not None or self.plane is not None):
+            key = "plane" if self.normal is None else "normal"
+            raise wrong("received one for cells, expected box, cylinder or formula", key)
+        if self.cells and self.name == "all":
+            raise wrong("received 'all', expected another name: 'all' are all regions", "name")
+        if self.formula is not None and self.formula.depends_on_time:
+            raise wrong("received a formula with t, expected one of x, y and z", "formula")
+        return self
+
+    def check(self, dim: int) -> None:
+        """Raise where a vector has not dim components, or what is plane a z."""
+        vectors = {"normal": self.normal}
+        if self.plane is not None:
+            vectors |= {"plane.point": self.plane.point, "plane.normal": self.plane.normal}
+        if self.cylinder is not None:
+            if dim == 3 and not any(self.cylinder.axis):
+                raise wrong("expected the direction of the axis in a 3-D scene", "cylinder.axis")
+            vectors["cylinder.point"] = self.cylinder.point
+            vectors["cylinder.axis"] = self.cylinder.axis
+        for key, vector in vectors.items():
+            expected = 0 if key == "cylinder.axis" and dim == 2 else dim
+            if vector and len(vector) != expected:
+                raise wrong(f"received {list(vector)}, expected {expected} components", key)
+        if self.normal is not None and not any(self.normal):
+            raise wrong("received no direction, expected a vector that is not zero", "normal")
+        for key in ("plane", "box"):
+            if dim == 2 and getattr(getattr(self, key), "z", None) is not None:
+                raise wrong("received z in a two-dimensional scene, expected none", f"{key}.z")
+
+
+class Meshed(Table):
+    """What all meshes share."""
+
+    tag: Annotated[tuple[TagOf, ...], ListOf()] = ()
+
+    @model_validator(mode="after")
+    def _tags_fit(self):
+        for i, tag in enumerate(self.tag):
+            try:
+                tag.check(self.dim)
+            except PydanticCustomError as error:
+                context = error.context or {}
+                raise wrong(context["text"], f"tag.{i}.{context['key']}") from None
+        return self
+
+
+class Generated(Meshed):
     """What the built-in meshes share."""
 
     order: Literal[1, 2] = 1
@@ -182,13 +301,15 @@ def _from_scene(path: str, info: ValidationInfo) -> str:
         raise wrong(f"received {shown(path)}, expected the name of a file ({error})") from None
 
 
-class MeshFile(Table):
-    """A mesh file with named boundaries; a relative path starts at the scene's folder."""
+class MeshFile(Meshed):
+    """A mesh file; a relative path starts at the scene's folder."""
 
     kind: Literal["file"]
     path: Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
     dim: Literal[2, 3]
     axisymmetric: Flag = False
+    array: Tag | None = None
+    groups: Annotated[tuple[Tag, ...], ListOf(), AfterValidator(distinct)] = ()
 
     @model_validator(mode="after")
     def _sections_are_plane(self):

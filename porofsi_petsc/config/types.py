@@ -81,7 +81,8 @@ def _one_line(text: str) -> str:
     return text
 
 
-def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
+def distinct(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names; raise where one is there twice."""
     repeated = [name for i, name in enumerate(names) if name in names[:i]]
     if repeated:
         raise wrong(f"received {shown(repeated[0])} twice, expected distinct names")
@@ -185,7 +186,7 @@ Tag = Annotated[
     str, Strict(), Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_one_line)
 ]
 Tags = Annotated[
-    tuple[Tag, ...], ListOf(shortest=1), BeforeValidator(_one_or_many), AfterValidator(_distinct)
+    tuple[Tag, ...], ListOf(shortest=1), BeforeValidator(_one_or_many), AfterValidator(distinct)
 ]
 Axes = Annotated[
     tuple[Literal["x", "y", "z"], ...],

@@ -42,7 +42,7 @@ class LocalMesh:
     X : (n_local, d) [m].  cells : (E, A) local nodes.  cell_owned : (E,) bool, true on exactly one
     rank.
     cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.
-    facets : tag -> Facets, the same tags on every rank.
+    facets : tag -> Facets, the same tags on every rank.  notes : of the serial mesh.
     """
 
     comm: MPI.Intracomm
@@ -63,6 +63,7 @@ class LocalMesh:
     halo: Halo
     order: NaturalOrder
     hash: str
+    notes: tuple
 
     @property
     def dim(self) -> int:
@@ -156,6 +157,7 @@ class _Cutter:
             "n_global": len(mesh.points),
             "n_cells_global": n_cells,
             "hash": mesh.hash,
+            "notes": mesh.notes,
         }
 
     def part(self, rank):

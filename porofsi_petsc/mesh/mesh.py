@@ -15,7 +15,7 @@ class Mesh:
 
     points : (N, d) coordinates [m].  cells : (E, A) nodes, positively oriented, VTK node order.
     cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the
-    (first) adjacent cell.
+    (first) adjacent cell.  notes : sentences on what the file has and the mesh does not.
     """
 
     points: np.ndarray
@@ -24,6 +24,7 @@ class Mesh:
     regions: tuple[str, ...]
     cell_region: np.ndarray
     facets: dict[str, np.ndarray]
+    notes: tuple[str, ...] = ()
 
     @property
     def dim(self) -> int:

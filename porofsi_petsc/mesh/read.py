@@ -1,254 +1,241 @@
-"""Meshes from files: every format of meshio, regions and boundaries by physical name."""
+"""Meshes from files: cells in regions, and a name for every boundary facet."""
 
-import contextlib
-import io
 import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from ..elements import ELEMENTS
-from ..errors import InputError, shown
+from ..elements import ELEMENTS, Element
+from ..errors import InputError, listed
 from . import check, overlap
+from .cut import cut_prisms
+from .formats import read_source
+from .generate import DEFAULT_REGION
+from .groups import named_sets, one_each
 from .mesh import Mesh
-from .topology import cell_facets, facet_groups, locate_facets
-
-GMSH_NUMBERS = "gmsh:physical"
-# Formats that have no named boundaries; meshio's readers of most of them do not end on broken
-# files.
-WITHOUT_GROUPS = (".dat", ".ele", ".node", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
-NASTRAN = (".bdf", ".fem", ".nas")
-NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
+from .sides import named_sides, require_joined
+from .topology import facet_groups, locate_facets, shares
 
 
-def read_mesh(path: str | os.PathLike[str], dim: int) -> Mesh:
-    """Return the mesh of a file: cells of one kind in named regions, every boundary facet in one
-    named group.
+@dataclass(frozen=True)
+class Reading:
+    """How a file is read.
 
-    The node numbers of the file are kept, clockwise cells are reoriented, curved mid-edge nodes
-    stay where they are. Names come from Gmsh physical groups or cell sets; a format with only
-    integer tags gives the names "1", "2", ... Raises InputError (one sentence) for everything the
-    solver could not use.
+    array : the array over the cells with the numbers of the groups, None where the file decides.
+    groups : the names of the groups that count, all if empty; a cell or facet in several of them
+    belongs to the first.
+    """
+
+    array: str | None = None
+    groups: Sequence[str] = ()
+
+
+@dataclass
+class _Body:
+    """The cells of a mesh, and what is found out about it."""
+
+    path: Path
+    element: Element
+    points: np.ndarray
+    cells: np.ndarray
+    notes: list[str] = field(default_factory=list)
+    facet_group: np.ndarray = field(init=False)
+
+    def require_usable(self) -> None:
+        """Raise InputError for cells that cannot be solved on, and set `facet_group`."""
+        self.cells = check.oriented(self.points, self.cells, self.element, self.path)
+        cells = self.points, self.cells, self.element
+        check.require_positive_jacobian(*cells, self.path)
+        self.facet_group = facet_groups(self.cells, self.element)
+        check.require_shared_nodes(*cells, self.path)
+        for require in (
+            check.require_manifold,
+            overlap.require_unfolded,
+            overlap.require_disjoint,
+        ):
+            require(*cells, self.facet_group, self.path)
+
+    def facets(self, keys: np.ndarray) -> np.ndarray:
+        """Return the nodes, (F, Af), of facets with the keys cell * (facets of a cell) + local."""
+        cell, local = np.divmod(keys, len(self.element.facets))
+        return self.cells[cell[:, None], np.array(self.element.facets)[local]]
+
+    def corners(self, keys: np.ndarray) -> np.ndarray:
+        """Return the vertices of facets, (F, V)."""
+        return self.facets(keys)[:, : self.element.cell.facet_vertices]
+
+
+def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = None) -> Mesh:
+    """Return the mesh of a file: cells in regions, every boundary facet in one named group.
+
+    The nodes that belong to cells keep the order of the file, clockwise cells are reoriented,
+    curved mid-edge nodes stay where they are. Names are those of groups and sets, `group_N` where
+    there is only a number; cells without one are the region `body`, boundary facets without one
+    are named by `sides.named_sides`. Sets of nodes name the boundary facets all of whose vertices
+    they have. `Mesh.notes` says what the file has and the mesh does not. Raises InputError (one
+    sentence) for everything the solver could not use.
     """
     path = Path(path)
+    reading = reading or Reading()
     check.require_file(path)
-    source = _read_quietly(path)
-    check.require_arrays(source.points, [block.data for block in source.cells], dim, path)
-    blocks = [block for block in source.cells if len(block.data)]
+    source = read_source(path)
+    check.require_arrays(source.points, [block.data for block in source.blocks], dim, path)
+    source, note = cut_prisms(source, path)
+    blocks = [block for block in source.blocks if len(block.data)]
     element = check.volume_element([(block.type, block.dim) for block in blocks], dim, path)
     points = check.plane_points(source.points, dim, path)
-    names, tags = _tags(source, path)
-    cells, cell_tag = _gather(_of_element(source.cells, element), tags, (element.meshio_name,))
-    facet_blocks = _of_element(source.cells, element.facet)
-    tagged_facets = _gather(facet_blocks, tags, _facet_kinds(element))
+    sets, node_sets = named_sets(source, reading.array, reading.groups, path)
+    cells, of_cells = _gather(source.blocks, sets, element, [element])
+    tagged, of_tagged = _gather(source.blocks, sets, element.facet, _facets_of_all_orders(element))
     check.require_known_nodes(points, cells, path)
-    check.require_known_nodes(points, tagged_facets[0], path, "facet")
-    check.require_no_orphans(points, cells, path)
-    check.require_regions_of_cells(points, cells, cell_tag, path)
-    cells = check.oriented(points, cells, element, path)
-    check.require_positive_jacobian(points, cells, element, path)
-    used, cell_region = np.unique(cell_tag, return_inverse=True)
-    group = facet_groups(cells, element)
-    check.require_shared_nodes(points, cells, element, path)
-    for require in (check.require_manifold, overlap.require_unfolded, overlap.require_disjoint):
-        require(points, cells, element, group, path)
-    facets = _facets(points, cells, element, group, tagged_facets, names, path)
-    return Mesh(points, cells, element, tuple(names[i] for i in used), cell_region, facets)
+    check.require_known_nodes(points, tagged, path, "facet")
+    body = _Body(path, element, points, cells, [note] if note else [])
+    if not reading.groups and any(name in of_cells for name in source.sections):
+        of_cells = {name: of_cells[name] for name in source.sections if name in of_cells}
+    names, cell_region = _regions(body, of_cells, bool(reading.groups))
+    number = _drop_orphans(body)
+    body.require_usable()
+    tagged = number[tagged]
+    found = {
+        name: _located(body, tagged[rows], name) for name, rows in of_tagged.items()
+    } | _facets_of_nodes(body, node_sets, number)
+    facets = _named_facets(body, found, bool(reading.groups))
+    notes = tuple(body.notes)
+    return Mesh(body.points, body.cells, element, names, cell_region, facets, notes)
 
 
-class _Block(NamedTuple):
-    """What is asked of one of meshio's blocks of cells."""
-
-    type: str
-    data: np.ndarray
-
-
-def _of_element(blocks, element):
-    """Return meshio's blocks of cells, those of kinds that the element has in collapsed form in
-    that form.
-    """
-    return [
-        _Block(element.meshio_name, block.data[:, element.collapsed[block.type]])
-        if block.type in element.collapsed
-        else block
-        for block in blocks
-    ]
-
-
-def _facet_kinds(element):
-    """Return meshio's names of the facets of all orders; of their nodes only the vertices are
-    looked at.
-    """
+def _facets_of_all_orders(element):
+    """Return the facets of the elements of all orders; only their vertices are looked at."""
     facets = [other.facet for other in ELEMENTS.values()]
-    return {facet.meshio_name for facet in facets if facet.cell == element.facet.cell}
+    return [facet for facet in facets if facet.cell == element.facet.cell]
 
 
-def _read_quietly(path):
-    """Return meshio's mesh; meshio prints and exits on a file it cannot read, and its readers raise
-    nearly anything.
+def _gather(blocks, sets, element, kinds):
+    """Return the nodes, (n, A), of all cells of some elements in the form of the element, only
+    their common first nodes, and name -> rows of the set.
     """
-    import meshio  # slow to import, and most scenes make their mesh themselves
-
-    if path.suffix.lower() in WITHOUT_GROUPS:
-        advice = "give a mesh of cells in named groups, such as Gmsh .msh 2.2 or 4.1"
-        raise InputError(f"{path}: a {path.suffix} file has no named boundaries; {advice}")
-    if (
-        path.suffix.lower() in NASTRAN
-        and b"ENDDATA" not in path.read_bytes().rpartition(b"BEGIN BULK")[2]
-    ):
-        # meshio would look for it for ever
-        raise InputError(
-            f"{path}: no ENDDATA follows on the BEGIN BULK of the Nastran file; write the mesh"
-            " again"
-        )
-    try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            # of .msh files meshio would try the reader of Ansys first, which has no boundaries and
-            # no end on broken files
-            return meshio.read(path, file_format="gmsh" if path.suffix == ".msh" else None)
-    except (Exception, SystemExit) as error:
-        if GMSH_NUMBERS in str(error):
-            raise InputError(
-                f"{path}: some elements have no physical group; save the mesh with Mesh.SaveAll = 0"
-            ) from error
-        reason = (
-            ""
-            if isinstance(error, SystemExit)
-            else f" ({type(error).__name__}: {shown(str(error))})"
-        )
-        message = (
-            f"{path}: not readable as a mesh{reason}; give a file that meshio reads, such as Gmsh"
-            " .msh 2.2 or 4.1"
-        )
-        raise InputError(message) from error
-
-
-def _tags(source, path):
-    """Return the names and for each block of cells the index of each cell's name, -1 for none."""
-    sets = {name: members for name, members in source.cell_sets.items() if name not in NOT_A_TAG}
-    if sets:
-        return _tags_from_sets(sets, source, path)
-    return _tags_from_numbers(source, path)
-
-
-def _tags_from_sets(sets, source, path):
-    tags = _untagged(source.cells)
-    names = list(sets)
-    for index, members in enumerate(sets.values()):
-        for block, tag, chosen in zip(source.cells, tags, members, strict=True):
-            chosen = np.asarray([] if chosen is None else chosen, dtype=np.int64)
-            doubled = chosen[tag[chosen] >= 0]
-            if len(doubled):
-                at = check.place(source.points[block.data[doubled[0]]].mean(axis=0))
-                both = f"'{names[tag[doubled[0]]]}' and '{names[index]}'"
-                raise InputError(
-                    f"{path}: the {block.type} at {at} is in two groups, {both}; leave it in one"
-                )
-            tag[chosen] = index
-    return names, tags
-
-
-def _tags_from_numbers(source, path):
-    key = _number_key(source, path)
-    if key is None:
-        return [], _untagged(source.cells)
-    named = (
-        {(int(dim), int(number)): name for name, (number, dim) in source.field_data.items()}
-        if key == GMSH_NUMBERS
-        else {}
-    )
-    names = []
-    tags = _untagged(source.cells)
-    for block, numbers, tag in zip(source.cells, source.cell_data[key], tags, strict=True):
-        for number in np.unique(numbers).tolist():
-            name = named.get((block.dim, number)) if key == GMSH_NUMBERS else str(number)
-            if name is not None:
-                if name not in names:
-                    names.append(name)
-                tag[numbers == number] = names.index(name)
-    return names, tags
-
-
-def _untagged(blocks):
-    return [np.full(len(block.data), -1, dtype=np.int64) for block in blocks]
-
-
-def _number_key(source, path):
-    """Return the key of the integer array over the cells that holds the tags, None when there is
-    none.
-    """
-    if GMSH_NUMBERS in source.cell_data:
-        return GMSH_NUMBERS
-    keys = [
-        key
-        for key, arrays in source.cell_data.items()
-        if key not in NOT_A_TAG
-        and all(np.issubdtype(np.asarray(a).dtype, np.integer) and np.ndim(a) == 1 for a in arrays)
-    ]
-    if len(keys) > 1:
-        raise InputError(
-            f"{path}: several integer arrays over the cells ({', '.join(keys)}); keep only the one"
-            " with the tags"
-        )
-    return keys[0] if keys else None
-
-
-def _gather(blocks, tags, kinds):
-    """Return nodes, (n, A), and tag index, (n,), of all cells of the kinds; only their common first
-    nodes.
-    """
-    chosen = [
-        (block.data, tag)
-        for block, tag in zip(blocks, tags, strict=True)
-        if block.type in kinds and len(tag)
-    ]
+    forms = {kind.meshio_name: list(range(kind.nodes)) for kind in kinds} | element.collapsed
+    chosen = [i for i, block in enumerate(blocks) if block.type in forms and len(block.data)]
     if not chosen:
-        return np.empty((0, 0), dtype=np.int64), np.empty(0, dtype=np.int64)
-    width = min(data.shape[1] for data, _ in chosen)
-    return np.concatenate([data[:, :width] for data, _ in chosen]).astype(np.int64), np.concatenate(
-        [tag for _, tag in chosen]
+        return np.empty((0, element.n_vertices), dtype=np.int64), {}
+    data = [blocks[i].data[:, forms[blocks[i].type]] for i in chosen]
+    width = min(part.shape[1] for part in data)
+    first = np.cumsum([0, *map(len, data)])
+    rows = {
+        name: np.concatenate([first[k] + parts[i] for k, i in enumerate(chosen)])
+        for name, parts in sets.items()
+    }
+    nodes = np.concatenate([part[:, :width] for part in data]).astype(np.int64)
+    return nodes, {name: members for name, members in rows.items() if len(members)}
+
+
+def _drop_orphans(body):
+    """Drop the nodes of no cell; return the new number of every node, -1 for those."""
+    used = np.zeros(len(body.points), dtype=bool)
+    used[body.cells] = True
+    number = np.where(used, np.cumsum(used) - 1, -1)
+    orphans = np.flatnonzero(~used)
+    if len(orphans):
+        at = check.place(body.points[orphans[0]])
+        body.notes.append(
+            f"{len(orphans)} nodes of the file belong to no cell, the first at {at}; they are left"
+            " out, the others keep their order"
+        )
+        body.points = body.points[used]
+        body.cells = number[body.cells]
+    return number
+
+
+def _regions(body, sets, chosen):
+    """Return the names of the regions that have cells and the index of each cell's region."""
+    kept, left_out, overlapping = one_each(sets, len(body.cells), chosen, alike=True)
+    if overlapping is not None:
+        first, second, cell = overlapping
+        at = check.place(body.points[body.cells[cell]].mean(axis=0))
+        raise _in_two(body, f"the cell at {at}", first, second)
+    _note_left_out(body, left_out, "cells")
+    names = [DEFAULT_REGION, *(name for name in kept if name != DEFAULT_REGION)]
+    index = np.zeros(len(body.cells), dtype=np.int64)
+    for name, cells in kept.items():
+        index[cells] = names.index(name)
+    used, cell_region = np.unique(index, return_inverse=True)
+    return tuple(names[i] for i in used), cell_region
+
+
+def _in_two(body, what, first, second):
+    return InputError(
+        f"{body.path}: {what} is in two groups, '{first}' and '{second}'; leave it in one, or list"
+        " the groups that count, the first of two before the other, in mesh.groups"
     )
 
 
-def _facets(points, cells, element, group, tagged_facets, names, path):
-    """Return the tagged facets by name, each once, with the nodes and the outward orientation of
-    its cell.
-    """
-    nodes, tag = (array[tagged_facets[1] >= 0] for array in tagged_facets)
-    n_facets = len(element.facets)
-    tagged = np.zeros((len(cells), n_facets), dtype=bool)
-    facets = {}
-    if len(tag):
-        cell, local = locate_facets(nodes, cells, element)
-        _require_located(points, nodes, tag, cell, names, path)
-        unique = np.unique(np.stack([cell * n_facets + local, tag], axis=1), axis=0)
-        (cell, local), tag = np.divmod(unique[:, 0], n_facets), unique[:, 1]
-        nodes = cell_facets(cells, element)[cell, local]
-        _require_one_tag(points, nodes, unique, names, path)
-        tagged[cell, local] = True
-        facets = {names[i]: nodes[tag == i] for i in np.unique(tag)}
-    check.require_tagged_boundary(points, cells, element, group, tagged, path)
-    return facets
+def _note_left_out(body, names, what):
+    if names:
+        body.notes.append(
+            f"groups of {what} left out, all of which are in other groups: {listed(names)}"
+        )
 
 
-def _require_located(points, nodes, tag, cell, names, path):
+def _located(body, rows, name):
+    """Return the keys of the facets of a set, each once."""
+    cell, local = locate_facets(rows, body.cells, body.element)
     lost = np.flatnonzero(cell < 0)
     if len(lost):
-        at = check.place(points[nodes[lost[0]]].mean(axis=0))
-        name = names[tag[lost[0]]]
+        nodes = rows[lost[0]]
+        at = f", the first at {check.place(body.points[nodes].mean(axis=0))}"
         raise InputError(
-            f"{path}: {len(lost)} facets of '{name}' belong to no cell, the first at {at}; remove"
-            " them"
+            f"{body.path}: {len(lost)} facets of '{name}' belong to no cell"
+            f"{at if (nodes >= 0).all() else ''}; remove them"
         )
+    return np.unique(cell * len(body.element.facets) + local)
 
 
-def _require_one_tag(points, nodes, unique, names, path):
-    doubled = np.flatnonzero(unique[1:, 0] == unique[:-1, 0])
-    if len(doubled):
-        both = " and ".join(f"'{names[i]}'" for i in unique[doubled[0] : doubled[0] + 2, 1])
-        at = check.place(points[nodes[doubled[0]]].mean(axis=0))
-        raise InputError(
-            f"{path}: {len(doubled)} facets carry two tags, the first ({both}) at {at}; leave each"
-            " in one group"
+def _facets_of_nodes(body, node_sets, number):
+    """Return name -> keys of the boundary facets all of whose vertices are in a set of nodes."""
+    keys = _boundary(body)
+    corners = body.corners(keys)
+    found = {}
+    for name, nodes in node_sets.items():
+        inside = np.zeros(len(body.points) + 1, dtype=bool)
+        inside[number[nodes]] = True
+        inside[-1] = False
+        chosen = keys[inside[corners].all(axis=1)]
+        if len(chosen) and not inside[:-1].all():
+            found[name] = chosen
+    return found
+
+
+def _boundary(body):
+    cell, local = np.nonzero(shares(body.facet_group) == 1)
+    return cell * len(body.element.facets) + local
+
+
+def _named_facets(body, sets, chosen):
+    """Return the facets by name with the nodes and the outward orientation of their cell, those of
+    the boundary without a name by that of their side.
+    """
+    boundary = _boundary(body)
+    keys = np.unique(np.concatenate([boundary, *sets.values()]))
+    places = {name: np.searchsorted(keys, own) for name, own in sets.items()}
+    kept, left_out, overlapping = one_each(places, len(keys), chosen, alike=False)
+    if overlapping is not None:
+        first, second, facet = overlapping
+        at = check.place(body.points[body.corners(keys[[facet]])[0]].mean(axis=0))
+        raise _in_two(body, f"the facet at {at}", first, second)
+    _note_left_out(body, left_out, "facets")
+    named = np.zeros(len(keys), dtype=bool)
+    for own in kept.values():
+        named[own] = True
+    bare = ~named[np.searchsorted(keys, boundary)]
+    require_joined(body.points, body.corners(boundary), bare, body.path)
+    place_of = tuple(np.divmod(boundary[bare], len(body.element.facets)))
+    rest = named_sides(body.points, body.cells, body.element, place_of, set(kept))
+    if rest:
+        body.notes.append(
+            f"{bare.sum()} boundary facets have no name in the file, by their place they are"
+            f" {listed(rest)}"
         )
+    facets = {name: body.facets(keys[own]) for name, own in sorted(kept.items())}
+    return facets | {name: body.facets(boundary[bare][own]) for name, own in rest.items()}

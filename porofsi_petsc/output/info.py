@@ -169,6 +169,7 @@ def _describe_mesh(path):
         for name, count in zip(mesh.regions, counts, strict=True)
     ]
     rows += [(f"tag {tag}", f"{len(facets)} facets") for tag, facets in mesh.facets.items()]
+    rows += [("note", note) for note in mesh.notes]
     return _table(f"mesh {path}", rows)
 
 

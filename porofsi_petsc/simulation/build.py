@@ -14,7 +14,8 @@ from ..mesh.generate import box, rectangle
 from ..mesh.graph import node_graph
 from ..mesh.interface import INTERFACE, with_interface
 from ..mesh.mesh import Mesh
-from ..mesh.read import read_mesh
+from ..mesh.read import Reading, read_mesh
+from ..mesh.select import with_tags
 from ..output.files import on_root
 from .auto import AnyMedium, AutoMedium, auto_terms
 from .axis import check_axis
@@ -32,10 +33,11 @@ def serial_mesh(scene: Scene) -> Mesh:
     section = scene.mesh
     where = str(scene.source_path or "scene")
     mesh = (
-        read_mesh(section.path, section.dim)
+        read_mesh(section.path, section.dim, Reading(section.array, section.groups))
         if section.kind == "file"
         else _generated(section, where)
     )
+    mesh = with_tags(mesh, section.tag, where)
     if scene.axisymmetric:
         mesh = around_axis(mesh, where)
     on_axis = tags_on_axis(mesh, where)

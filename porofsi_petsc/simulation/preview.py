@@ -39,6 +39,7 @@ def preview(scene: Scene, coupling: AnyMedium, measures: Measures) -> str:
         scene.title,
         _size(mesh, coupling),
         f"regions: {', '.join(mesh.regions)}; boundaries: {', '.join(sorted(mesh.facets))}",
+        *(f"mesh: {note}" for note in mesh.notes),
         _terms(scene, measures),
         _time(scene.time),
     ]

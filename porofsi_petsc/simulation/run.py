@@ -64,11 +64,17 @@ def _run(scene, directory, restart, force, quiet, max_time):
             with Simulation(scene, comm, stopwatch) as simulation:
                 claim.put_aside()
                 start_log(directory, comm.rank, quiet)
-                for said in filter(None, (notice, *simulation.coupling.notices)):
+                for said in filter(
+                    None, (notice, *_notes(simulation), *simulation.coupling.notices)
+                ):
                     logger.info(said)
                 return _Run(simulation, directory, quiet, claim).go(restart, header, max_time)
     finally:
         stop_log()
+
+
+def _notes(simulation):
+    return (f"mesh: {note}" for note in simulation.coupling.solid.mesh.notes)
 
 
 class _Run:

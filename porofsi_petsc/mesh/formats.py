@@ -1,0 +1,133 @@
+"""From a mesh file of any known format to what it says: Gmsh and Abaqus by readers of their own,
+others by meshio.
+"""
+
+import contextlib
+import io
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, shown
+from .abaqus import read_abaqus
+from .gmsh import read_gmsh
+from .source import Block, Source, Unusable
+
+# Formats of surfaces, or in several files; meshio's readers of most of them do not end on broken
+# ones.
+WITHOUT_GROUPS = (".dat", ".ele", ".node", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
+# Formats whose groups meshio does not read.
+NOT_READ = {
+    **dict.fromkeys((".e", ".ex2", ".exo", ".g"), "an Exodus file, whose side sets are not read"),
+    ".mdpa": "a file of Kratos, whose groups are not read",
+    ".unv": "a universal file, whose groups are not read",
+}
+NASTRAN = (".bdf", ".fem", ".nas")
+OWN = {".msh": read_gmsh, ".inp": read_abaqus}
+# Cells of VTK that meshio knows, but for their dimension
+PRISMS = {"penta_prism": 3, "hexa_prism": 3}
+NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
+# Arrays that hold the numbers of materials, whatever else a file has, the first one first.  (MED's
+# families, of meshio's key "cell_tags", have names.)
+KNOWN = (
+    *("MaterialIDs", "gmsh:physical", "medit:ref", "nastran:ref", "netgen:index", "ugrid:ref"),
+    *("avsucd:material", "flac3d:group", "su2:tag", "CellEntityIds", "cell_tags", "MaterialID"),
+    *("material_id", "MatID", "matid", "Material", "material", "materials", "attribute", "regions"),
+)
+
+
+def read_source(path: Path) -> Source:
+    """Return the content of a file; raises InputError (one sentence) where it is not readable."""
+    suffix = path.suffix.lower()
+    if suffix in WITHOUT_GROUPS:
+        advice = "give a mesh of cells in named groups, such as Gmsh .msh 2.2 or 4.1"
+        raise InputError(f"{path}: a {path.suffix} file has no named boundaries; {advice}")
+    if suffix in NOT_READ:
+        advice = "save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus .inp or MED"
+        raise InputError(f"{path}: {NOT_READ[suffix]}; {advice}")
+    if suffix in NASTRAN and b"ENDDATA" not in path.read_bytes().rpartition(b"BEGIN BULK")[2]:
+        # meshio would look for it for ever
+        raise InputError(
+            f"{path}: no ENDDATA follows on the BEGIN BULK of the Nastran file; write the mesh"
+            " again"
+        )
+    try:
+        return OWN.get(suffix, _read_by_meshio)(path)
+    except Unusable as error:
+        raise InputError(f"{path}: {error}") from error
+    except (Exception, SystemExit) as error:
+        reason = "" if isinstance(error, SystemExit) else f" ({_reason(error)})"
+        raise InputError(
+            f"{path}: not readable as a mesh{reason}; give a file that meshio reads, such as Gmsh"
+            " .msh 2.2 or 4.1"
+        ) from error
+
+
+def _reason(error):
+    if isinstance(error, ModuleNotFoundError):
+        return f"Python's package {error.name} is needed for the format and is not installed"
+    return f"{type(error).__name__}: {shown(str(error))}"
+
+
+def _read_by_meshio(path):
+    """Return what meshio reads; it prints and exits on a file it cannot read, and its readers raise
+    nearly anything.
+    """
+    import meshio  # slow to import, and most scenes make their mesh themselves
+    from meshio import _mesh
+
+    for kind, dim in PRISMS.items():
+        _mesh.topological_dimension.setdefault(kind, dim)
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        source = meshio.read(path)
+    blocks = [Block(block.type, block.dim, block.data) for block in source.cells]
+    data = {key: [_scalars(part) for part in parts] for key, parts in source.cell_data.items()}
+    arrays = {
+        key: [part.astype(np.int64) for part in parts]
+        for key, parts in data.items()
+        if key not in NOT_A_TAG and _is_integral(parts, key in KNOWN)
+    }
+    sets = {
+        name: [_members(part) for part in parts]
+        for name, parts in source.cell_sets.items()
+        if name not in NOT_A_TAG
+    }
+    if getattr(source, "cell_tags", None):
+        sets |= _families(arrays.pop("cell_tags", []), source.cell_tags)
+    nodes = {name: _members(part) for name, part in source.point_sets.items()}
+    if getattr(source, "point_tags", None):
+        of_nodes = _families([source.point_data["point_tags"]], source.point_tags)
+        nodes |= {name: parts[0] for name, parts in of_nodes.items()}
+    return Source(source.points, blocks, sets, arrays, nodes)
+
+
+def _scalars(part):
+    """Return an array (n,) where it is given as (n, 1)."""
+    part = np.asarray(part)
+    return part[:, 0] if part.ndim == 2 and part.shape[1] == 1 else part
+
+
+def _is_integral(parts, also_floats):
+    """Return whether an array over the cells has one integer for each, which is not the number of
+    the cell.
+    """
+    if not all(part.ndim == 1 and (also_floats or part.dtype.kind in "iu") for part in parts):
+        return False
+    if not all(part.dtype.kind in "iuf" and (part == np.round(part)).all() for part in parts):
+        return False
+    values = np.concatenate(parts) if parts else np.empty(0)
+    return len(values) <= 1 or len(np.unique(values)) < len(values)
+
+
+def _members(part):
+    return np.asarray([] if part is None else part, dtype=np.int64)
+
+
+def _families(families, names):
+    """Return the sets of a MED file: a family of cells is in all groups whose names it has."""
+    groups = sorted({name for of_family in names.values() for name in of_family})
+    holders = {g: [family for family, own in names.items() if g in own] for g in groups}
+    return {
+        group: [np.flatnonzero(np.isin(part, holding)) for part in families]
+        for group, holding in holders.items()
+    }

@@ -1,0 +1,185 @@
+"""Mesh files of other programs than Gmsh, in the dialects that are found."""
+
+import meshio
+import numpy as np
+import pytest
+from grids import grid
+from test_mesh_read import AXIS, MESHES, as_meshio, blocks, refused, same_facets
+
+from porofsi_petsc.mesh import read_mesh
+from porofsi_petsc.mesh.read import Reading
+
+ABAQUS = {"T3": "CPE3", "T6": "CPE6P", "Q4": "CAX4P", "Q8": "CPS8R"}
+ABAQUS |= {"T4": "C3D4", "T10": "C3D10M", "H8": "C3D8RP", "H20": "C3D20R"}
+# Vertices of the faces of Abaqus's elements (Analysis User's Guide, "Solid element library")
+QUADRILATERAL = [(1, 2), (2, 3), (3, 4), (4, 1)]
+TETRAHEDRON = [(1, 2, 3), (1, 4, 2), (2, 4, 3), (3, 4, 1)]
+HEXAHEDRON = [(1, 2, 3, 4), (5, 8, 7, 6), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 8, 4), (4, 8, 5, 1)]
+FACES = {"T": {2: [(1, 2), (2, 3), (3, 1)], 3: TETRAHEDRON}, "Q": {2: QUADRILATERAL}}
+FACES["H"] = {3: HEXAHEDRON}
+
+
+def abaqus(mesh, more=(), before=()):
+    """Return the text of a mesh, numbers from 11 on: regions as sets of elements, facets as
+    surfaces.
+    """
+    lines = ["*Heading", " a mesh", *before, "** nodes", "*NODE, NSET=Nall"]
+    lines += [f"{i + 11}, " + ", ".join(map(repr, x)) for i, x in enumerate(mesh.points.tolist())]
+    lines += [f"*Element, type={ABAQUS[mesh.element.name]},", " elset=Eall"]
+    for e, nodes in enumerate((mesh.cells + 11).tolist()):
+        words = [e + 11, *nodes]
+        lines += [", ".join(map(str, words[:12])) + ","] if len(words) > 12 else []
+        lines.append(", ".join(map(str, words[12:] if len(words) > 12 else words)))
+    for i, name in enumerate(mesh.regions):
+        lines += [f"*Elset, elset={name}"]
+        lines += [f"{e + 11}," for e in np.flatnonzero(mesh.cell_region == i)]
+    faces = FACES[mesh.element.name[0]][mesh.dim]
+    of_facet = {
+        frozenset(cell[v - 1] for v in face): (e, s)
+        for e, cell in enumerate(mesh.cells)
+        for s, face in enumerate(faces, start=1)
+    }
+    for tag, facets in mesh.facets.items():
+        lines += [f"*Surface, type=ELEMENT, name={tag}"]
+        for nodes in facets[:, : mesh.element.cell.facet_vertices]:
+            e, s = of_facet[frozenset(nodes)]
+            lines.append(f"{e + 11}, S{s}")
+    return "\n".join([*lines, *more, ""])
+
+
+@pytest.mark.parametrize("name", ABAQUS)
+def test_sets_and_surfaces_of_abaqus(tmp_path, name):
+    mesh = MESHES[name]
+    (tmp_path / "a.inp").write_text(abaqus(mesh))
+    read = read_mesh(tmp_path / "a.inp", mesh.dim)
+    assert np.array_equal(read.points, mesh.points) and np.array_equal(read.cells, mesh.cells)
+    assert same_facets(read.facets, mesh.facets) and set(read.regions) == set(mesh.regions)
+    assert read.notes == ("groups of cells left out, all of which are in other groups: Eall",)
+
+
+def test_an_assembly_of_abaqus(tmp_path):
+    """Sections say which sets are regions; the set of a surface is none; a part may be moved."""
+    mesh = grid("H8", [AXIS] * 3)
+    bottom = np.flatnonzero(mesh.points[:, 2] == 0) + 11
+    more = ["*Solid Section, elset=EALL, material=clay", "1.,", "*End Part", "*Assembly, name=A"]
+    more += ["*Instance, name=I-1, part=P", "1., 2., 3.", "*End Instance"]
+    more += ["*Elset, elset=_top_S2, internal, instance=I-1, generate", "29, 37, 1"]
+    more += ["*Surface, type=ELEMENT, name=lid", "_top_S2, S2"]
+    more += ["*Nset, nset=half, instance=I-1", ", ".join(map(str, bottom[:3])), "*Nset, nset=base"]
+    more += ["half,", *(f"{n}," for n in bottom[3:]), "*End Assembly", "*Step", "*End Step"]
+    text = abaqus(mesh, more, before=["*Part, name=P"])
+    begin = text.index("*Surface, type=ELEMENT, name=left")
+    (tmp_path / "a.inp").write_text(text[:begin] + text[text.index("*Solid Section") :])
+    read = read_mesh(tmp_path / "a.inp", 3, Reading(groups=("body", "lid", "base")))
+    assert np.array_equal(read.points, mesh.points + [1, 2, 3])
+    assert same_facets({"b": read.facets["base"]}, {"b": mesh.facets["bottom"]})
+    assert same_facets({"t": read.facets["lid"]}, {"t": mesh.facets["top"]})
+    assert read.regions == ("body",)
+    assert read_mesh(tmp_path / "a.inp", 3).regions == ("Eall",)
+
+
+def test_numbers_of_nodes_that_two_parts_share_are_refused(tmp_path):
+    text = abaqus(MESHES["T3"])
+    (tmp_path / "a.inp").write_text(text + text)
+    refused(tmp_path / "a.inp", 2, "two nodes with one number, of two parts; write one part")
+    (tmp_path / "a.inp").write_text(text.replace("CPE3", "CINPE3"))
+    refused(tmp_path / "a.inp", 2, "elements of the type CINPE3; mesh the body with")
+    (tmp_path / "a.inp").write_text("*NGEN\n1, 9, 1\n" + text)
+    refused(tmp_path / "a.inp", 2, r"\*NGEN makes nodes or elements; write the mesh without it")
+
+
+def test_sets_that_overlap(tmp_path):
+    mesh = MESHES["T3"]
+    text = abaqus(mesh) + "*Elset, elset=part\n11, 12\n"
+    (tmp_path / "a.inp").write_text(text)
+    refused(tmp_path / "a.inp", 2, "in two groups, '(core|body)' and 'part'; leave it in one, or")
+    read = read_mesh(tmp_path / "a.inp", 2, Reading(groups=("part", "core", "left")))
+    assert read.regions == ("body", "part", "core") and (read.cell_region == 1).sum() == 2
+
+
+def prisms(n, layers=2):
+    """Return the text of a legacy VTK file of a column of prisms over a regular polygon."""
+    angle = 2 * np.pi * np.arange(n) / n
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = [(*x, z) for z in range(layers + 1) for x in ring]
+    cells = [np.concatenate([np.arange(n), n + np.arange(n)]) + n * k for k in range(layers)]
+    lines = ["# vtk DataFile Version 2.0", "prisms", "ASCII", "DATASET UNSTRUCTURED_GRID"]
+    lines += [f"POINTS {len(points)} double", *(" ".join(map(repr, map(float, x))) for x in points)]
+    lines += [f"CELLS {layers} {layers * (1 + 2 * n)}"]
+    lines += [" ".join(map(str, (2 * n, *cell))) for cell in cells]
+    lines += [f"CELL_TYPES {layers}", *[str({5: 15, 6: 16}[n])] * layers, f"CELL_DATA {layers}"]
+    lines += ["SCALARS attribute float 1", "LOOKUP_TABLE default", *map(str, range(layers))]
+    return "\n".join([*lines, ""])
+
+
+@pytest.mark.parametrize("n", [5, 6])
+def test_prisms_over_polygons_are_cut(tmp_path, n):
+    (tmp_path / "a.vtk").write_text(prisms(n))
+    mesh = read_mesh(tmp_path / "a.vtk", 3)
+    assert mesh.element.name == "H8" and len(mesh.cells) == 2 * (n - 2)
+    assert len(mesh.facets["top"]) == len(mesh.facets["bottom"]) == n - 2
+    assert sum(map(len, mesh.facets.values())) == 2 * (n - 2) + 2 * n
+    assert mesh.notes[0] == "2 prisms over pentagons or hexagons are cut into wedges"
+
+
+ARRAYS = {  # array over the cells, in which meshio writes numbers
+    ".vtk": "MaterialIDs",
+    ".vtu": "material_id",
+    ".xdmf": "MaterialIDs",
+    ".mesh": "medit:ref",
+    ".bdf": "nastran:ref",
+}
+
+
+@pytest.mark.parametrize("name", ["T3", "Q4", "T4", "H8"])
+@pytest.mark.parametrize("suffix", ARRAYS)
+def test_numbers_of_materials(tmp_path, suffix, name):
+    mesh = MESHES[name]
+    source = as_meshio(mesh.points, blocks(mesh))
+    numbers = source.cell_data["gmsh:physical"]
+    other = [np.zeros(len(n), dtype=int) for n in numbers]
+    arrays = {ARRAYS[suffix]: numbers} | ({"other": other} if suffix in (".vtk", ".vtu") else {})
+    meshio.Mesh(source.points, source.cells, cell_data=arrays).write(tmp_path / f"a{suffix}")
+    read = read_mesh(tmp_path / f"a{suffix}", mesh.dim)
+    assert np.allclose(read.points, mesh.points, rtol=0, atol=1e-12)
+    groups = {f"group_{source.field_data[tag][0]}": nodes for tag, nodes in mesh.facets.items()}
+    assert same_facets(read.facets, groups)
+    assert set(read.regions) == {f"group_{source.field_data[r][0]}" for r in mesh.regions}
+
+
+@pytest.mark.parametrize("name", ["T6", "T4", "H20"])
+def test_families_of_a_med_file(tmp_path, name):
+    """A family is in all groups whose names it has; nodes have families too."""
+    mesh = MESHES[name]
+    groups = blocks(mesh)
+    kinds = list(dict.fromkeys(kind for kind, *_ in groups))
+    cells = [(k, np.concatenate([c for kind, _, _, c in groups if kind == k])) for k in kinds]
+    names = [[n for kind, _, n, _ in groups if kind == k] for k in kinds]
+    sizes = [[len(c) for kind, _, _, c in groups if kind == k] for k in kinds]
+    families = {
+        n: -6 - i for i, n in enumerate(dict.fromkeys(n for of_kind in names for n in of_kind))
+    }
+    families["top"] = families["bottom"] = 0
+    numbers = [
+        np.repeat([families[n] for n in of_kind], size)
+        for of_kind, size in zip(names, sizes, strict=True)
+    ]
+    source = meshio.Mesh(mesh.points, cells, cell_data={"cell_tags": numbers})
+    own = {f: [n] for n, f in families.items() if f}
+    own[families["left"]] += ["sides"]
+    own[families["right"]] += ["sides"]
+    on_bottom = mesh.points[:, -1] == 0
+    source.point_data["point_tags"] = np.where(on_bottom, 3, 0)
+    source.cell_tags, source.point_tags = own, {3: ["floor"]}
+    source.write(tmp_path / "a.med")
+    read = read_mesh(tmp_path / "a.med", mesh.dim)
+    expected = mesh.facets | {"floor": mesh.facets["bottom"]}
+    expected = {tag: nodes for tag, nodes in expected.items() if tag != "bottom"}
+    assert same_facets(read.facets, expected) and set(read.regions) == set(mesh.regions)
+    assert "groups of facets left out, all of which are in other groups: sides" in read.notes
+
+
+@pytest.mark.parametrize("suffix", [".e", ".EXO", ".mdpa", ".unv"])
+def test_formats_whose_groups_are_not_read(tmp_path, suffix):
+    (tmp_path / f"a{suffix}").write_text("CDF")
+    refused(tmp_path / f"a{suffix}", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")
