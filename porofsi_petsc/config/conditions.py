@@ -75,7 +75,11 @@ def _default(condition):
 
 def _arguments(value):
     if isinstance(value, Table):
-        return {name: getattr(value, name) for name in type(value).model_fields}
+        entries = {name: getattr(value, name) for name in type(value).model_fields}
+        return {
+            name: dict(_given_components(entry)) if isinstance(entry, Vector) else entry
+            for name, entry in entries.items()
+        }
     return {"value": value}
 
 
@@ -114,7 +118,8 @@ def _value_key(entry: Parameter) -> tuple:
 
 
 def _entry(entry: Parameter) -> tuple:
-    return _kind(entry), ... if entry.default is None else entry.default
+    default = Vector() if entry.default == {} else entry.default
+    return _kind(entry), ... if default is None else default
 
 
 def _kind(entry: Parameter) -> Any:

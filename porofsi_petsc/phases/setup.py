@@ -43,6 +43,11 @@ class PhaseSetup:
     stopwatch: Stopwatch
     surfaces: tuple[OnSurface, ...] = ()
 
+    @property
+    def has_followers(self) -> bool:
+        """Return whether a load follows a surface, so that the tangent need not be symmetric."""
+        return any(place.condition.follows for place in self.surfaces)
+
     def new_matrix(self, prefix: str, mask: np.ndarray) -> ElementMatrix:
         """Return the empty matrix of a nodal field with m components, prescribed where mask
         (n_local, m) is true.
@@ -63,13 +68,15 @@ class PhaseSetup:
     def displacement_solver(
         self, matrix: ElementMatrix, prefix: str, counted: bool = False
     ) -> LinearSolver:
-        """Return the KSP of a symmetric matrix of displacements; counted : of `solid_defaults`
-        (collective).
+        """Return the KSP of a matrix of displacements, symmetric without `has_followers`; counted :
+        of `solid_defaults` (collective).
         """
         mesh = self.domain.mesh
-        matrix.declare_symmetric()
+        symmetric = not self.has_followers
+        if symmetric:
+            matrix.declare_symmetric()
         modes = rigid_body_modes(mesh.X[self.domain.nodes], mesh.comm)
-        defaults = solid_defaults(mesh.dim, self.direct, counted=counted)
+        defaults = solid_defaults(mesh.dim, self.direct, symmetric, counted and symmetric)
         return LinearSolver(matrix.mat, prefix, defaults, near_nullspace=modes)
 
 
