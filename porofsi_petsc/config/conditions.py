@@ -5,14 +5,14 @@ what.
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
-from pydantic import Field, GetCoreSchemaHandler, Strict, create_model
+from pydantic import Discriminator, Field, GetCoreSchemaHandler, Strict, Tag, create_model
 from pydantic_core import CoreSchema
 
 from ..conditions import CONDITIONS, SurfaceCondition
 from ..conditions.condition import Kind
 from ..errors import shown
 from ..registry import Parameter, parameters
-from .types import Flag, Formula, Number, Table, Tags, Vector, wrong
+from .types import Flag, Formula, ListOf, Number, Table, Tags, Vector, wrong
 
 VECTORS = ("displacement", "velocity")
 
@@ -132,6 +132,24 @@ class BodyForce(Table):
 
     solid: Vector = Vector()
     fluid: Vector = Vector()
+
+
+class RegionalForce(BodyForce):
+    """The same on some regions, or on "all"; several on one region add up."""
+
+    on: Tags
+
+
+def _form(value):
+    """Return how body forces are given."""
+    return "list" if isinstance(value, (list, tuple)) else "table"
+
+
+BodyForces = Annotated[
+    Annotated[BodyForce, Tag("table")]
+    | Annotated[tuple[RegionalForce, ...], ListOf(shortest=1), Tag("list")],
+    Discriminator(_form),
+]
 
 
 class Initial(Table):

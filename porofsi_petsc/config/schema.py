@@ -11,8 +11,10 @@ from ..errors import digits, shown
 from ..materials import ELASTIC, PERMEABILITY
 from .conditions import (
     BodyForce,
+    BodyForces,
     Boundary,
     Initial,
+    RegionalForce,
     WithConditions,
     check_boundaries,
     check_expressions,
@@ -61,7 +63,7 @@ class Scene(Table):
         default=Model(), validate_default=True
     )  # after what its defaults depend on
     boundary: Annotated[tuple[Annotated[Boundary, WithConditions()], ...], ListOf()] = ()
-    body_force: BodyForce = BodyForce()
+    body_force: BodyForces = BodyForce()
     initial: Initial = Initial()
     stabilization: Stabilization = Stabilization()
     coupling: Coupling = Coupling()
@@ -107,6 +109,14 @@ class Scene(Table):
             for name in boundary.surface_conditions()
             for column in CONDITIONS[name].columns
         ]
+
+    @property
+    def body_forces(self) -> tuple[RegionalForce, ...]:
+        """Return all body forces with their regions."""
+        given = self.body_force
+        if isinstance(given, BodyForce):
+            return (RegionalForce(on=("all",), solid=given.solid, fluid=given.fluid),)
+        return given
 
     @property
     def phases(self) -> tuple[bool, bool]:
@@ -177,7 +187,11 @@ class Scene(Table):
         check_boundaries(self.boundary, self.model.viscosity is True, self.is_porous)
         for i, boundary in enumerate(self.boundary):
             check_expressions(boundary, self.dim, f"boundary.{i}")
-        check_expressions(self.body_force, self.dim, "body_force")
+        if isinstance(self.body_force, BodyForce):
+            check_expressions(self.body_force, self.dim, "body_force")
+        else:
+            for i, force in enumerate(self.body_force):
+                check_expressions(force, self.dim, f"body_force.{i}")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_kinds()
         self._check_anisotropy()
@@ -509,12 +523,13 @@ class Scene(Table):
                 f"{received}, expected 'xie_leo' for skeleton and permeability",
                 "reference.solution",
             )
-        if (
-            self.reference.solution == "selfweight"
-            and getattr(self.body_force.solid, "xyz"[self.dim - 1]) is None
+        if self.reference.solution == "selfweight" and not (
+            isinstance(self.body_force, BodyForce)
+            and getattr(self.body_force.solid, "xyz"[self.dim - 1])
         ):
             raise wrong(
-                "received no vertical body_force.solid, expected the weight that 'selfweight'"
+                "received no vertical body_force.solid of all regions, expected the weight that"
+                " 'selfweight'"
                 " needs",
                 "reference.solution",
             )

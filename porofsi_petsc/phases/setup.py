@@ -20,6 +20,7 @@ from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
+from .loads import BodyForce
 from .surface_terms import OnSurface
 
 
@@ -27,7 +28,7 @@ from .surface_terms import OnSurface
 class PhaseSetup:
     """Common to all phases.
 
-    materials : region -> PorousMaterial; body_force : component -> expression of b [m/s²];
+    materials : region -> PorousMaterial; body_force : what acts on its mass;
     split : "corrected", "plain" or "scaled" (plain with a scaled mass);
     direct : whether the default solver is a factorization; stopwatch : where its time is counted;
     surfaces : conditions of the momentum balance on surfaces
@@ -35,7 +36,7 @@ class PhaseSetup:
 
     domain: Domain
     materials: dict[str, PorousMaterial]
-    body_force: dict[int, Any]
+    body_force: tuple[BodyForce, ...]
     inertia: bool
     moving_mesh: bool
     split: str

@@ -21,6 +21,7 @@ from ..materials import ELASTIC, PERMEABILITY
 from ..materials.drag import Anisotropy
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
+from ..phases.loads import BodyForce
 from ..phases.surface_terms import OnSurface
 from .conditions import components, dirichlet, essentials
 from .continuation import LoadFactor
@@ -125,8 +126,19 @@ class Builder:
             "stopwatch": self.stopwatch,
             "split": split,
             "direct": is_direct(self.mesh),
-            "body_force": self.components(getattr(self.scene.body_force, body)),
+            "body_force": self._body_forces(body),
         }
+
+    def _body_forces(self, body):
+        """Return the `BodyForce`s of a key of [body_force]; one of all regions without formulas is
+        none.
+        """
+        found = []
+        for entry in self.scene.body_forces:
+            regions = None if entry.on == ("all",) else entry.on
+            expressions = self.components(getattr(entry, body))
+            found += [BodyForce(expressions, regions)] if expressions else []
+        return tuple(found)
 
     def of_fluid(self) -> dict[str, Any]:
         """Return what the setups of all fluids have in common beside that, by keyword."""

@@ -278,7 +278,7 @@ class InterfaceBuilder(Builder):
         return MeshSetup(
             domain=Domain(self.mesh, self._free) if self._pores else self._fluid_domain,
             materials=self._free,
-            body_force={},
+            body_force=(),
             inertia=False,
             moving_mesh=self._moving,
             split="plain",
