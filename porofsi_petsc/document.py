@@ -100,4 +100,7 @@ def _range(entry: Parameter) -> Iterator[str]:
         yield f"at least {entry.at_least:g}"
     if entry.at_most is not None:
         yield f"at most {entry.at_most:g}"
-    yield "required" if entry.default is None else f"default {entry.default:g}"
+    if entry.kind == "vector" and entry.default is not None:
+        yield "default none"
+    else:
+        yield "required" if entry.default is None else f"default {entry.default:g}"

@@ -13,7 +13,7 @@ class Parameter(NamedTuple):
     tests.
 
     kind : "number", "formula" of time and position, or "vector" of formulas; above : exclusive;
-    default : None where the scene has to give it
+    default : None where the scene has to give it, {} of a vector that may be left out
     """
 
     kind: Literal["number", "formula", "vector"]
@@ -22,7 +22,7 @@ class Parameter(NamedTuple):
     above: float | None
     at_least: float | None
     at_most: float | None
-    default: float | None
+    default: Any
     example: Any
 
 
@@ -35,15 +35,20 @@ def parameter(
     above: float | None = None,
     at_least: float | None = None,
     at_most: float | None = None,
-    default: float | None = None,
+    default: Any = None,
 ) -> Any:
     """Return the field of a dataclass that a scene gives under the same name; see `Parameter`.
 
     example : an admissible value, with which the tests of all that is registered run.
     """
     found = Parameter(kind, unit, meaning, above, at_least, at_most, default, example)
-    given: dict[str, Any] = {} if default is None else {"default": default}
+    given: dict[str, Any] = {} if default is None else _default(default)
     return dataclasses.field(kw_only=True, metadata={"parameter": found}, **given)
+
+
+def _default(value):
+    """Return the argument of `dataclasses.field`."""
+    return {"default_factory": dict} if value == {} else {"default": value}
 
 
 def parameters(law: type) -> dict[str, Parameter]:

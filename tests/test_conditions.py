@@ -57,11 +57,11 @@ def test_every_condition_is_a_key():
 
 
 @dataclass
-class Spring(SurfaceCondition):
+class Bedding(SurfaceCondition):
     """Winkler's foundation: the traction -k u."""
 
     behind = ("porous", "solid")
-    holds = True
+    holds = ("normal", "tangential")
     stiffness: float = parameter("Pa/m", "k", above=0.0, example=3.0)
 
     def bind(self, surface):
@@ -81,16 +81,16 @@ class Spring(SurfaceCondition):
 
 
 @pytest.fixture
-def spring():
+def bedding():
     """Register the spring for one test."""
-    CONDITIONS.register("spring")(Spring)
+    CONDITIONS.register("bedding")(Bedding)
     yield
-    CONDITIONS.forget("spring")
+    CONDITIONS.forget("bedding")
 
 
-def test_a_registered_condition_is_valid_in_scenes(spring, tmp_path):
+def test_a_registered_condition_is_valid_in_scenes(bedding, tmp_path):
     """A bar between a load p and a foundation of springs: u at its foot is p/k to round-off."""
-    foot = "boundary=[{on='bottom', spring={stiffness=2e6}, displacement={x='0'}},"
+    foot = "boundary=[{on='bottom', bedding={stiffness=2e6}, displacement={x='0'}},"
     sides = "{on=['left', 'right'], displacement={x='0'}}, {on='top', traction={y='-1e4'}}]"
     probe = "probe=[{name='foot', at=[0.0, 0.0], quantities=['u_y']}]"
     static = ("model.solid_inertia=false", "expect=[]", probe, "time.scheme=steady")
@@ -100,33 +100,33 @@ def test_a_registered_condition_is_valid_in_scenes(spring, tmp_path):
     assert found == pytest.approx(-1e4 / 2e6, rel=1e-6)  # the tolerance of the iteration
 
 
-def test_its_keys_are_those_of_a_scene(spring):
+def test_its_keys_are_those_of_a_scene(bedding):
     for given, message in (
         ("{stifness=1}", "unknown key 'stifness'; did you mean 'stiffness'"),
         ("{stiffness=-1}", "received -1"),
         ("{}", "stiffness"),
     ):
         with pytest.raises(InputError, match=message):
-            load_scene(BAR, (f"boundary.0.spring={given}",))
+            load_scene(BAR, (f"boundary.0.bedding={given}",))
 
 
-def test_a_condition_stands_only_where_its_material_is(spring):
-    with pytest.raises(InputError, match=r"boundary.2.spring\]: tag 'right' is on the fluid, exp"):
-        run_here(Job(FLAP, "unused", ("boundary.2.spring={stiffness=1.0}",)))
+def test_a_condition_stands_only_where_its_material_is(bedding):
+    with pytest.raises(InputError, match=r"boundary.2.bedding\]: tag 'right' is on the fluid, exp"):
+        run_here(Job(FLAP, "unused", ("boundary.2.bedding={stiffness=1.0}",)))
 
 
 def test_what_breaks_the_contract_is_refused():
-    class Soft(Spring):
+    class Soft(Bedding):
         def tangent(self, state, slope):
             return 0.5 * super().tangent(state, slope)
 
-    class Nowhere(Spring):
+    class Nowhere(Bedding):
         behind = ()
 
     class Empty(SurfaceCondition):
         behind = ("solid",)
 
-    class Forgetful(Spring):
+    class Forgetful(Bedding):
         def bind(self, surface):
             super().bind(surface)
             self._pulled = 0.0
@@ -156,4 +156,4 @@ def test_a_class_without_its_decorator_is_told_so():
     with pytest.raises(ValueError, match="decorate the class with @dataclass"):
         check_condition(Bare)
     with pytest.raises(ValueError, match="boundary condition 'pressure': expected another name"):
-        CONDITIONS.register("pressure")(Spring)
+        CONDITIONS.register("pressure")(Bedding)

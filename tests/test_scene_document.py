@@ -50,6 +50,7 @@ TABLES = {
     "material.permeability": material.Permeability,
     "[[boundary]]": conditions.Boundary,
     "[body_force]": conditions.BodyForce,
+    "[[body_force]]": conditions.RegionalForce,
     "[initial]": conditions.Initial,
     "Vectors": Vector,
     "[stabilization]": sections.Stabilization,

@@ -7,6 +7,8 @@ from .backflow import Backflow
 from .condition import LowRank, Slope, State, Surface, SurfaceCondition
 from .contract import check_condition
 from .flux import Flux
+from .impedance import Absorbing, Dashpot, Spring
+from .pressure import DeadPressure, FollowerPressure
 from .traction import DeadLoad, Traction
 from .windkessel import Windkessel
 
@@ -25,6 +27,11 @@ CONDITIONS = Registry(
     "porofsi_petsc.conditions",
     {
         "traction": Traction,
+        "dead_pressure": DeadPressure,
+        "follower_pressure": FollowerPressure,
+        "spring": Spring,
+        "dashpot": Dashpot,
+        "absorbing": Absorbing,
         "flux": Flux,
         "backflow": Backflow,
         "windkessel": Windkessel,

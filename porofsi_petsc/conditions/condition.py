@@ -2,7 +2,7 @@
 state.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
@@ -34,6 +34,11 @@ class Surface(Protocol):
     def normal(self, rule: Any, u: np.ndarray | None = None) -> np.ndarray:
         """Return the outward normals times dA at the points of a rule, (F, Q, d) [m^(d-1)], where
         a displacement u (n_local, d) [m] has taken the surface; in the reference without.
+        """
+
+    def normal_by_positions(self, rule: Any, u: np.ndarray) -> np.ndarray:
+        """Return the derivative of `normal` (component i) by the positions x_bj of the nodes, (F,
+        Q, b, i, j) [m^(d-2)].
         """
 
     def of_material(self, name: str) -> np.ndarray:
@@ -91,9 +96,11 @@ class SurfaceCondition:
     "displacement", "velocity" or "traction" component by component where it has components itself;
     columns : what the history records of a surface -> unit; otherwise : what to do where another
     material is behind the surface; dead : whether the residual depends on the time alone;
-    wants_flow : whether a prescribed normal velocity would leave it without effect;
-    holds : whether it resists every displacement of the surface, as a spring does, so that nothing
-    else has to hold a body without inertia
+    wants_normal_motion : whether a prescribed normal displacement, or velocity of a fluid, would
+    leave it without effect; follows : whether its load on a solid goes with the surface, so that
+    its tangent changes with the motion and need not be symmetric; holds : which displacements of
+    the surface it resists, as a spring does, so that nothing else has to hold a body without
+    inertia against them, "normal" and "tangential"
     """
 
     balance: ClassVar[Literal["momentum", "volume"]] = "momentum"
@@ -102,8 +109,9 @@ class SurfaceCondition:
     columns: ClassVar[Mapping[str, str]] = {}
     otherwise: ClassVar[str] = "leave it out"
     dead: ClassVar[bool] = False
-    wants_flow: ClassVar[bool] = False
-    holds: ClassVar[bool] = False
+    wants_normal_motion: ClassVar[bool] = False
+    follows: ClassVar[bool] = False
+    holds: ClassVar[Collection[str]] = ()
 
     def bind(self, surface: Surface) -> None:
         """Take the surface, once, before the first step (collective)."""

@@ -9,14 +9,20 @@ import numpy as np
 
 from ..clock import first_order, second_order
 from ..elements import FAMILIES
-from ..kernels.surface import facet_normal
+from ..kernels.surface import facet_normal, facet_normal_by_positions
 from ..registry import examples, parameters
 from .condition import Kind, Slope, State, SurfaceCondition
 
 STEP = 1e-6  # of differences
 # Errors of differences are of STEP² and 1e-16/STEP; a tangent that is wrong is off by parts of it.
 SMALL = 1e-6
-MATERIAL = {"rho_fR": 1.3, "rho_sR": 2.1, "viscosity": 0.2}
+MATERIAL = {
+    "rho_fR": 1.3,
+    "rho_sR": 2.1,
+    "viscosity": 0.2,
+    "compression_impedance": 3.1,
+    "shear_impedance": 1.7,
+}
 BY = {"fluid": Slope(0.0, 1.0), "solid": Slope(1.0, 3.0), "porous": Slope(1.0, 3.0)}
 
 
@@ -62,6 +68,10 @@ class SampleSurface:
         """Return the normals times dA."""
         x = self.X if u is None else self.X + u[self.nodes]
         return facet_normal(rule.dN, rule.weights, x)
+
+    def normal_by_positions(self, rule: _Rule, u: np.ndarray) -> np.ndarray:
+        """Return the derivative of `normal` by the positions of the nodes, (F, Q, b, i, j)."""
+        return facet_normal_by_positions(rule.dN, rule.weights, self.X + u[self.nodes])
 
     def of_material(self, name: str) -> np.ndarray:
         """Return an attribute of a material, (F, 1)."""
@@ -215,5 +225,19 @@ def _check_tangent(condition, dim, kind):
     tangent, expected = slopes(condition, dim, kind)
     if condition.dead and expected.any():
         raise ValueError("it is `dead`, but its residual depends on more than the time")
+    if kind != "fluid" and not condition.follows and not _is_linear(condition, dim, kind):
+        raise ValueError(
+            "its tangent is not symmetric or not constant, as that of a load that `follows` is"
+        )
     if np.abs(tangent - expected).max() > SMALL * max(1.0, np.abs(expected).max()):
         raise ValueError("the tangent is not the slope of the residual")
+
+
+def _is_linear(condition, dim, kind):
+    """Return whether the tangent is symmetric and the same in another state."""
+    body = sample(condition, dim, kind)
+    state = sample_state(dim)
+    first = _tangent(body, state, BY[kind])
+    other = _tangent(body, state._replace(u=-state.u, v=2 * state.v), BY[kind])
+    small = SMALL * np.abs(first).max(initial=1.0)
+    return np.abs(first - first.T).max() < small and np.abs(first - other).max() < small

@@ -27,7 +27,7 @@ class Windkessel(SurfaceCondition):
 
     behind = ("fluid",)
     excludes = {"fluid": ("traction",)}
-    wants_flow = True
+    wants_normal_motion = True
     columns = {"pressure": "Pa", "flow_rate": "m³/s"}
 
     proximal: float = parameter("Pa s/m³", "R_p", at_least=0.0, default=0.0, example=0.4)

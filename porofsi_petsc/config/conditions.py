@@ -5,14 +5,15 @@ what.
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
-from pydantic import Field, GetCoreSchemaHandler, Strict, create_model
+import pydantic
+from pydantic import Discriminator, Field, GetCoreSchemaHandler, Strict, create_model
 from pydantic_core import CoreSchema
 
 from ..conditions import CONDITIONS, SurfaceCondition
 from ..conditions.condition import Kind
 from ..errors import shown
 from ..registry import Parameter, parameters
-from .types import Axes, Flag, Formula, Number, Table, Tag, Tags, Vector, wrong
+from .types import Axes, Flag, Formula, ListOf, Number, Table, Tag, Tags, Vector, wrong
 
 VECTORS = ("displacement", "velocity")
 
@@ -80,7 +81,11 @@ def _default(condition):
 
 def _arguments(value):
     if isinstance(value, Table):
-        return {name: getattr(value, name) for name in type(value).model_fields}
+        entries = {name: getattr(value, name) for name in type(value).model_fields}
+        return {
+            name: dict(_given_components(entry)) if isinstance(entry, Vector) else entry
+            for name, entry in entries.items()
+        }
     return {"value": value}
 
 
@@ -119,7 +124,8 @@ def _value_key(entry: Parameter) -> tuple:
 
 
 def _entry(entry: Parameter) -> tuple:
-    return _kind(entry), ... if entry.default is None else entry.default
+    default = Vector() if entry.default == {} else entry.default
+    return _kind(entry), ... if default is None else default
 
 
 def _kind(entry: Parameter) -> Any:
@@ -144,6 +150,24 @@ class BodyForce(Table):
 
     solid: Vector = Vector()
     fluid: Vector = Vector()
+
+
+class RegionalForce(BodyForce):
+    """The same on some regions, or on "all"; several on one region add up."""
+
+    on: Tags
+
+
+def _form(value):
+    """Return how body forces are given."""
+    return "list" if isinstance(value, (list, tuple)) else "table"
+
+
+BodyForces = Annotated[
+    Annotated[BodyForce, pydantic.Tag("table")]
+    | Annotated[tuple[RegionalForce, ...], ListOf(shortest=1), pydantic.Tag("list")],
+    Discriminator(_form),
+]
 
 
 class Initial(Table):

@@ -117,9 +117,9 @@ class Expression:
     value : a number; a formula such as "1e5*sin(25*pi*t)" (names t x y z pi e, the functions of
         `FUNCTIONS`, comparisons, which count as 1 and 0 where a number is wanted, and & | ~ between
         comparisons); {"table": "load.csv", "column": "force"}: linear between the rows, constant
-        beyond the ends, the first column is t, the column defaults to the second; or a function of
-        Python, (t, X) -> values, for t [s] and points X (n, d) [m], n may be 0: an array (n,) or
-        one number.
+        beyond the ends, the first column is t, the column defaults to the second, and with "over":
+        ["t", "y"] the first columns are these coordinates; or a function of Python, (t, X) ->
+        values, for t [s] and points X (n, d) [m], n may be 0: an array (n,) or one number.
     folder : where a relative table path starts.
     content : hash of the numbers of a table, None for what is not one.
     Raises InputError when the value is none of these, or the formula fails in a trial at one point.
@@ -143,8 +143,7 @@ class Expression:
                 f" {advice}"
             )
         if isinstance(value, dict):
-            self.source, self.content, self._evaluate = table(value, folder)
-            self.names = frozenset("t")
+            self.source, self.content, self.names, self._evaluate = table(value, folder)
         elif callable(value):
             self.function = value
             self._evaluate = _called(value)

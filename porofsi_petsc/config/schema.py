@@ -11,8 +11,10 @@ from ..errors import digits, shown
 from ..materials import ELASTIC, PERMEABILITY
 from .conditions import (
     BodyForce,
+    BodyForces,
     Boundary,
     Initial,
+    RegionalForce,
     Tie,
     WithConditions,
     check_axes,
@@ -63,7 +65,7 @@ class Scene(Table):
         default=Model(), validate_default=True
     )  # after what its defaults depend on
     boundary: Annotated[tuple[Annotated[Boundary, WithConditions()], ...], ListOf()] = ()
-    body_force: BodyForce = BodyForce()
+    body_force: BodyForces = BodyForce()
     initial: Initial = Initial()
     stabilization: Stabilization = Stabilization()
     coupling: Coupling = Coupling()
@@ -110,6 +112,14 @@ class Scene(Table):
             for name in boundary.surface_conditions()
             for column in CONDITIONS[name].columns
         ]
+
+    @property
+    def body_forces(self) -> tuple[RegionalForce, ...]:
+        """Return all body forces with their regions."""
+        given = self.body_force
+        if isinstance(given, BodyForce):
+            return (RegionalForce(on=("all",), solid=given.solid, fluid=given.fluid),)
+        return given
 
     @property
     def phases(self) -> tuple[bool, bool]:
@@ -183,7 +193,11 @@ class Scene(Table):
             check_axes(boundary.equal_displacement, self.dim, f"boundary.{i}.equal_displacement")
         for i, tie in enumerate(self.tie):
             check_axes(tie.components, self.dim, f"tie.{i}.components")
-        check_expressions(self.body_force, self.dim, "body_force")
+        if isinstance(self.body_force, BodyForce):
+            check_expressions(self.body_force, self.dim, "body_force")
+        else:
+            for i, force in enumerate(self.body_force):
+                check_expressions(force, self.dim, f"body_force.{i}")
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_kinds()
         self._check_anisotropy()
@@ -515,12 +529,13 @@ class Scene(Table):
                 f"{received}, expected 'xie_leo' for skeleton and permeability",
                 "reference.solution",
             )
-        if (
-            self.reference.solution == "selfweight"
-            and getattr(self.body_force.solid, "xyz"[self.dim - 1]) is None
+        if self.reference.solution == "selfweight" and not (
+            isinstance(self.body_force, BodyForce)
+            and getattr(self.body_force.solid, "xyz"[self.dim - 1])
         ):
             raise wrong(
-                "received no vertical body_force.solid, expected the weight that 'selfweight'"
+                "received no vertical body_force.solid of all regions, expected the weight that"
+                " 'selfweight'"
                 " needs",
                 "reference.solution",
             )

@@ -192,7 +192,7 @@ Axes = Annotated[
     tuple[Literal["x", "y", "z"], ...],
     ListOf(shortest=1),
     BeforeValidator(_one_or_many),
-    AfterValidator(_distinct),
+    AfterValidator(distinct),
 ]
 Interval = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 Limit = Annotated[Any, PlainValidator(_positive_or("report"))]

@@ -10,7 +10,7 @@ import numpy as np
 from ..compiled import plain, specialized, stack
 from ..elements import Element
 from ..elements.element import Cell, moments
-from ..kernels.surface import facet_normal
+from ..kernels.surface import facet_normal, facet_normal_by_positions
 from ..mesh.topology import is_collapsed
 from ..tensors import invert
 
@@ -155,6 +155,19 @@ def facet_measure(rule: Rule, coordinates: np.ndarray) -> np.ndarray:
     if rule.element.axisymmetric:
         normal = normal * (2 * np.pi * coordinates[..., 0] @ rule.N.T)[..., None]
     return normal
+
+
+def facet_measure_by_positions(rule: Rule, coordinates: np.ndarray) -> np.ndarray:
+    """Return the derivative of `facet_measure` (component i) by the positions x_bj, (F, Q, b, i, j)
+    [m^(d-2)], around an axis [m].
+    """
+    change = facet_normal_by_positions(rule.dN, rule.weights, coordinates)
+    if rule.element.axisymmetric:
+        around = 2 * np.pi * coordinates[..., 0] @ rule.N.T
+        change = change * around[..., None, None, None]
+        normal = facet_normal(rule.dN, rule.weights, coordinates)
+        change[..., 0] += 2 * np.pi * rule.N[..., None] * normal[:, :, None]
+    return change
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .domain import Domain
-from .geometry import Rule, facet_measure
+from .geometry import Rule, facet_measure, facet_measure_by_positions
 
 
 class Surface:
@@ -51,6 +51,12 @@ class Surface:
         """
         x = self.X if u is None else self.X + u[self.nodes]
         return facet_measure(rule, x)
+
+    def normal_by_positions(self, rule: Rule, u: np.ndarray) -> np.ndarray:
+        """Return the derivative of `normal` (component i) by the positions x_bj of the nodes, (F,
+        Q, b, i, j).
+        """
+        return facet_measure_by_positions(rule, self.X + u[self.nodes])
 
     def of_material(self, name: str) -> np.ndarray:
         """Return an attribute of the material behind the facets, (F, 1)."""

@@ -32,7 +32,9 @@ def _tangents(dN, coordinates):
     return np.swapaxes(coordinates, 1, 2)[:, None] @ dN
 
 
-def _normal_by_positions(dN, weights, coordinates):
+def facet_normal_by_positions(
+    dN: np.ndarray, weights: np.ndarray, coordinates: np.ndarray
+) -> np.ndarray:
     """Return the derivative of `facet_normal` (component i) by the positions x_bj, (F, Q, b, i, j)
     [m^(d-2)].
 
@@ -48,6 +50,24 @@ def _normal_by_positions(dN, weights, coordinates):
             - dN[..., 1, None, None] * turned[:, :, None, 0]
         )
     return change * weights[:, None, None, None]
+
+
+def impedance_load(
+    N: np.ndarray, normal: np.ndarray, factors: tuple[np.ndarray, np.ndarray], values: np.ndarray
+) -> np.ndarray:
+    """Return ∮ N_a Z v dA, (F, A, d), Z = z_n n n + z_t (I - n n), of nodal values (F, A, d).
+
+    normal (F, Q, d) normals times dA; factors z_n, z_t, (F, 1) each
+    """
+    return N.T @ (impedance_weights(normal, factors) @ (N @ values)[..., None])[..., 0]
+
+
+def impedance_weights(normal: np.ndarray, factors: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return Z dA of `impedance_load`, (F, Q, d, d)."""
+    dA = np.linalg.norm(normal, axis=-1)[..., None, None]
+    along = normal[..., :, None] * normal[..., None, :] / dA
+    z_n, z_t = (factor[..., None, None] for factor in factors)
+    return z_n * along + z_t * (np.eye(normal.shape[-1]) * dA - along)
 
 
 def surface_load(N: np.ndarray, dA: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -67,21 +87,18 @@ def pressure_load(N: np.ndarray, normal: np.ndarray, p: np.ndarray) -> np.ndarra
     normals times dA (F, Q, d).
 
     A pressure from outside pushes with minus this load; its derivative is
-    `pressure_load_by_positions`.
+    `pressure_load_by_normal`.
     """
     return surface_load(N, p, normal)
 
 
-def pressure_load_by_positions(
-    N: np.ndarray, dN: np.ndarray, weights: np.ndarray, coordinates: np.ndarray, p: np.ndarray
-) -> np.ndarray:
+def pressure_load_by_normal(N: np.ndarray, change: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return the derivative of `pressure_load` by the positions of the facet's nodes, (F, A, d, A,
-    d) [N/m], at given p (F, Q).
+    d) [N/m], at given p (F, Q), from that of the normals, change (F, Q, b, i, j).
 
     The load follows: n dA is the product of the current tangents, so it has no Jacobian (Simo,
     Taylor & Wriggers 1991).
     """
-    change = _normal_by_positions(dN, weights, coordinates)
     _, _, A, d, _ = change.shape
     K = np.empty((len(change), A, d, A, d))
     for i in range(d):

@@ -133,3 +133,15 @@ class PorousMaterial:
         [kg/m^3].
         """
         return self.n_s0 * self.rho_sR
+
+    @property
+    def compression_impedance(self) -> float:
+        """Return ρ_s c_p = √(ρ_s (λ + 2μ)) of a solid at small strain [Pa s/m]."""
+        assert self.elastic is not None  # nobody asks a fluid
+        return float(np.sqrt(self.rho_s * self.elastic.oedometer_modulus))
+
+    @property
+    def shear_impedance(self) -> float:
+        """Return ρ_s c_s = √(ρ_s μ) of a solid at small strain [Pa s/m]."""
+        assert self.elastic is not None  # nobody asks a fluid
+        return float(np.sqrt(self.rho_s * self.elastic.mu))

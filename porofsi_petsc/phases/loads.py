@@ -1,6 +1,7 @@
 """Loads inside the domain."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,12 +9,24 @@ from ..fem.domain import Domain
 from ..fem.essential import Formula
 
 
-def body_acceleration(domain: Domain, expressions: Mapping[int, Formula], t: float) -> np.ndarray:
-    """Return b at the quadrature points, (E, Q, d) [m/s²], from dict component -> expression of the
-    reference position.
+class BodyForce(NamedTuple):
+    """Component -> expression of b [m/s²], of the reference position; regions : where it acts, None
+    for all.
     """
-    points = (domain.mass.N @ domain.gather(domain.mesh.X)).reshape(-1, domain.dim)
+
+    expressions: Mapping[int, Formula]
+    regions: Collection[str] | None = None
+
+
+def body_acceleration(domain: Domain, forces: Iterable[BodyForce], t: float) -> np.ndarray:
+    """Return the sum of body forces at the quadrature points, (E, Q, d) [m/s²]."""
+    points = domain.mass.N @ domain.gather(domain.mesh.X)
     b = np.zeros_like(points)
-    for component, expression in expressions.items():
-        b[:, component] = expression(t, points)
-    return b.reshape(domain.n_cells, -1, domain.dim)
+    for force in forces:
+        for region, span in domain.region_slices.items():
+            if force.regions is None or region in force.regions:
+                here = points[span]
+                for component, expression in force.expressions.items():
+                    values = expression(t, here.reshape(-1, domain.dim))
+                    b[span, :, component] += values.reshape(here.shape[:2])
+    return b

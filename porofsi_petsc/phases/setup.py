@@ -21,6 +21,7 @@ from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
+from .loads import BodyForce
 from .surface_terms import OnSurface
 
 
@@ -28,7 +29,7 @@ from .surface_terms import OnSurface
 class PhaseSetup:
     """Common to all phases.
 
-    materials : region -> PorousMaterial; body_force : component -> expression of b [m/s²];
+    materials : region -> PorousMaterial; body_force : what acts on its mass;
     split : "corrected", "plain" or "scaled" (plain with a scaled mass);
     direct : whether the default solver is a factorization; stopwatch : where its time is counted;
     surfaces : conditions of the momentum balance on surfaces
@@ -36,13 +37,18 @@ class PhaseSetup:
 
     domain: Domain
     materials: dict[str, PorousMaterial]
-    body_force: dict[int, Any]
+    body_force: tuple[BodyForce, ...]
     inertia: bool
     moving_mesh: bool
     split: str
     direct: bool
     stopwatch: Stopwatch
     surfaces: tuple[OnSurface, ...] = ()
+
+    @property
+    def has_followers(self) -> bool:
+        """Return whether a load follows a surface, so that the tangent need not be symmetric."""
+        return any(place.condition.follows for place in self.surfaces)
 
     def new_matrix(self, prefix: str, mask: np.ndarray) -> ElementMatrix:
         """Return the empty matrix of a nodal field with m components, prescribed where mask
@@ -64,13 +70,15 @@ class PhaseSetup:
     def displacement_solver(
         self, matrix: BlockMatrix, prefix: str, counted: bool = False
     ) -> LinearSolver:
-        """Return the KSP of a symmetric matrix of displacements; counted : of `solid_defaults`
-        (collective).
+        """Return the KSP of a matrix of displacements, symmetric without `has_followers`; counted :
+        of `solid_defaults` (collective).
         """
         mesh = self.domain.mesh
-        matrix.declare_symmetric()
+        symmetric = not self.has_followers
+        if symmetric:
+            matrix.declare_symmetric()
         modes = rigid_body_modes(mesh.X[self.domain.nodes], mesh.comm)
-        defaults = solid_defaults(mesh.dim, self.direct, counted=counted)
+        defaults = solid_defaults(mesh.dim, self.direct, symmetric, counted and symmetric)
         return LinearSolver(matrix.mat, prefix, defaults, near_nullspace=modes)
 
 

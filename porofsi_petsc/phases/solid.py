@@ -77,7 +77,11 @@ class SolidPhase:
     @property
     def is_linear(self) -> bool:
         """Return whether the tangent depends on nothing but the rates."""
-        return all(law.small_strain for law in self._laws.values()) and not self.setup.moving_mesh
+        return (
+            all(law.small_strain for law in self._laws.values())
+            and not self.setup.moving_mesh
+            and not self.setup.has_followers
+        )
 
     @property
     def is_stiff_in_volume(self) -> bool:

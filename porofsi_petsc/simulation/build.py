@@ -44,6 +44,9 @@ def serial_mesh(scene: Scene) -> Mesh:
     for i, material in enumerate(scene.material):
         if material.region != ("all",):
             require_regions(mesh, material.region, f"{where} [material.{i}.region]")
+    for i, force in enumerate(scene.body_forces):
+        if force.on != ("all",):
+            require_regions(mesh, force.on, f"{where} [body_force.{i}.on]")
     _require_materials(mesh, scene, where)
     kinds = _kinds(scene, mesh)
     for i, pair in enumerate(scene.interface):

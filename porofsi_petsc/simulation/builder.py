@@ -2,7 +2,7 @@
 distributed mesh.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from ..accelerators import ACCELERATORS
@@ -11,6 +11,7 @@ from ..config import Scene
 from ..config.expressions import Expression
 from ..config.material import Material
 from ..coupling.medium import Medium
+from ..errors import InputError
 from ..fem.constraints import LinearConstraints, NormalValue
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
@@ -21,9 +22,11 @@ from ..materials import ELASTIC, PERMEABILITY
 from ..materials.drag import Anisotropy
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
+from ..phases.loads import BodyForce
 from ..phases.surface_terms import OnSurface
 from .conditions import components, dirichlet, essentials, linear_constraints
 from .continuation import LoadFactor
+from .drainage import holds_normal
 
 # Nodes above which a 2-D scene is solved by FieldSplit and multigrid instead of MUMPS; 3-D always
 # is.  Measured by `scripts/run bench solvers` (docs/solvers.md): with tangents renewed in every
@@ -124,8 +127,19 @@ class Builder:
             "stopwatch": self.stopwatch,
             "split": split,
             "direct": is_direct(self.mesh),
-            "body_force": self.components(getattr(self.scene.body_force, body)),
+            "body_force": self._body_forces(body),
         }
+
+    def _body_forces(self, body):
+        """Return the `BodyForce`s of a key of [body_force]; one of all regions without formulas is
+        none.
+        """
+        found = []
+        for entry in self.scene.body_forces:
+            regions = None if entry.on == ("all",) else entry.on
+            expressions = self.components(getattr(entry, body))
+            found += [BodyForce(expressions, regions)] if expressions else []
+        return tuple(found)
 
     def of_fluid(self) -> dict[str, Any]:
         """Return what the setups of all fluids have in common beside that, by keyword."""
@@ -197,3 +211,20 @@ class Builder:
             for tag in boundary.on
             if tag in tags
         )
+
+    def require_normal_motion(
+        self, surfaces: Iterable[OnSurface], given: Iterable[Essential], quantity: str
+    ) -> None:
+        """Raise InputError where the normal component of a prescribed quantity leaves a condition
+        that wants it free without effect (collective).
+        """
+        for place in surfaces:
+            held = sorted({entry.component for entry in given if entry.tag == place.surface.tag})
+            wants = place.condition.wants_normal_motion
+            if wants and holds_normal(self.mesh, place.surface.tag, held):
+                key, _, tag = place.key.rpartition(":")
+                raise InputError(
+                    f"{self.scene.source_path or 'scene'} [{key}]: tag '{tag}' has a prescribed"
+                    f" normal {quantity}, beside which it is without effect; prescribe the"
+                    " components along the surface alone, or none"
+                )

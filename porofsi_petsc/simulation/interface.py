@@ -29,7 +29,6 @@ from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
 from .conditions import linear_constraints
-from .drainage import holds_normal
 from .start import put_at_start
 
 # Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for
@@ -203,12 +202,15 @@ class InterfaceBuilder(Builder):
     def solid(self) -> ElasticSolidSetup:
         """Return the setup of the solid (collective)."""
         domain = self._solid_domain
+        surfaces = self.surfaces(domain, "momentum", self._solid_tags)
+        given = self.essentials("displacement", self._solid_tags)
+        self.require_normal_motion(surfaces, given, "displacement")
         return ElasticSolidSetup(
             inertia=self.scene.model.solid_inertia,
             moving_mesh=self._moving and bool(self._pores),
             immersed=bool(self._pores),
             dirichlet=self.displacement(self._solid_tags),
-            surfaces=self.surfaces(domain, "momentum", self._solid_tags),
+            surfaces=surfaces,
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             reaction=not all(
@@ -224,7 +226,7 @@ class InterfaceBuilder(Builder):
         domain = self._fluid_domain
         given = self.essentials("velocity", self._fluid_tags)
         surfaces = self.surfaces(domain, "momentum", self._fluid_tags)
-        self._require_flow(surfaces, given)
+        self.require_normal_motion(surfaces, given, "velocity")
         known = self._known[1]
         return FreeFluidSetup(
             moving_mesh=self._moving,
@@ -237,20 +239,6 @@ class InterfaceBuilder(Builder):
             **self.of_fluid(),
             **self.common(domain, self._fluids, "fluid", "plain"),
         )
-
-    def _require_flow(self, surfaces, given):
-        """Raise InputError where the flow through a condition that wants it is prescribed
-        (collective).
-        """
-        for place in surfaces:
-            held = sorted({entry.component for entry in given if entry.tag == place.surface.tag})
-            if place.condition.wants_flow and holds_normal(self.mesh, place.surface.tag, held):
-                key, _, tag = place.key.rpartition(":")
-                raise InputError(
-                    f"{self.scene.source_path or 'scene'} [{key}]: tag '{tag}' has a prescribed"
-                    " normal velocity, beside which it is without effect; prescribe the components"
-                    " along the surface alone, or none"
-                )
 
     def conditions(self) -> InterfaceConditions:
         """Return the `coupling.robin.InterfaceConditions` of the interface."""
@@ -302,7 +290,7 @@ class InterfaceBuilder(Builder):
         return MeshSetup(
             domain=Domain(self.mesh, self._free) if self._pores else self._fluid_domain,
             materials=self._free,
-            body_force={},
+            body_force=(),
             inertia=False,
             moving_mesh=self._moving,
             split="plain",

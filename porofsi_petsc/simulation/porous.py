@@ -49,11 +49,14 @@ class PorousBuilder(Builder):
         """Return the setup of the skeleton (collective)."""
         scene = self.scene
         model = scene.model
+        surfaces = self.surfaces(self.domain, "momentum", self.mesh.facets)
+        displacements = self.essentials("displacement")
+        self.require_normal_motion(surfaces, displacements, "displacement")
         return SkeletonSetup(
             inertia=model.solid_inertia,
             moving_mesh=model.moving_mesh,
             dirichlet=self.displacement(),
-            surfaces=self.surfaces(self.domain, "momentum", self.mesh.facets),
+            surfaces=surfaces,
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,
             **self._common("solid"),

@@ -239,15 +239,12 @@ def _body_forces(scene, coupling):
     """Return phase -> largest |b_i| of its components in its domain, (d,) [m/s²]."""
     mesh = coupling.solid.mesh
     found = {}
-    for name, vector, phase in (
-        ("solid", scene.body_force.solid, coupling.solid),
-        ("fluid", scene.body_force.fluid, coupling.fluid),
-    ):
-        given = components(vector)
+    for name, phase in (("solid", coupling.solid), ("fluid", coupling.fluid)):
         X = mesh.X[phase.domain.holds]
-        found[name] = np.array(
-            [_largest(scene, mesh, given[i], X) if i in given else 0.0 for i in range(mesh.dim)]
-        )
+        found[name] = np.zeros(mesh.dim)
+        for force in scene.body_forces:
+            for i, given in components(getattr(force, name)).items():
+                found[name][i] = max(found[name][i], _largest(scene, mesh, given, X))
     return found
 
 

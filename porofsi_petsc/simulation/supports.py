@@ -2,11 +2,13 @@
 where nothing else does.
 
 A body, cells joined by facets, moves as u = t + ω × (X - c).  Each prescribed component at a node
-is one equation for t and ω; bodies with a common node, a hinge, move alike there.  What these
-equations leave free a static balance does not determine.
+is one equation for t and ω, so is each direction in which springs hold a facet; bodies with a
+common node, a hinge, move alike there.  What these equations leave free a static balance does not
+determine.
 """
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import qr
@@ -18,6 +20,7 @@ from ..config import Scene
 from ..errors import InputError
 from ..fem.constraints import NormalValue, common_nodes
 from ..fem.normals import nodal_normals
+from ..kernels.surface import facet_normal
 from ..mesh.check import place
 from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_groups, locate_facets
@@ -48,13 +51,16 @@ def require_supports(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str
         return
     held = _held(scene, mesh, cells)
     further = _constraints(scene, mesh)
+    springs = _springs(scene, mesh, cells)
     if mesh.element.axisymmetric:
         held[:, 0] = True  # the hoop stress holds what moves away from the axis
     part = _joined(cells)
     body = _joined(facet_groups(cells, mesh.element))
     for number in np.unique(part[~_wet(scene, mesh, of_solid, part)]):
         chosen = np.flatnonzero(part == number)
-        found = _free_motion(mesh.points, cells[chosen], body[chosen], held, further)
+        found = _free_motion(
+            mesh.points, cells[chosen], body[chosen], held, springs.of(chosen), further
+        )
         if found:
             cell = chosen[found[0]]
             region = mesh.regions[mesh.cell_region[of_solid][cell]]
@@ -86,14 +92,13 @@ def _has_inertia(scene):
 
 
 def _held(scene, mesh, cells):
-    """Return where displacements of the solid are prescribed or resisted, (N, d) bool."""
+    """Return where displacements of the solid are prescribed, (N, d) bool."""
     held = np.zeros(mesh.points.shape, dtype=bool)
     for boundary in scene.boundary:
-        springs = any(CONDITIONS[name].holds for name in boundary.surface_conditions())
         components = [
             i
             for i, axis in enumerate(AXES[: mesh.dim])
-            if springs or getattr(boundary.displacement, axis) is not None
+            if getattr(boundary.displacement, axis) is not None
         ]
         for tag in boundary.on if components else ():
             if (locate_facets(mesh.facets[tag], cells, mesh.element)[0] >= 0).any():
@@ -125,6 +130,58 @@ def _constraints(scene, mesh):
     return np.concatenate(ends), np.concatenate(weights)
 
 
+class _Springs(NamedTuple):
+    """Points X (R, d) of cells (R,) where conditions on surfaces resist the displacements along
+    directions (R, d).
+    """
+
+    X: np.ndarray
+    cells: np.ndarray
+    directions: np.ndarray
+
+    def of(self, chosen: np.ndarray) -> "_Springs":
+        """Return those of some cells, numbered by their place among these."""
+        rows = np.isin(self.cells, chosen)
+        return _Springs(
+            self.X[rows], np.searchsorted(chosen, self.cells[rows]), self.directions[rows]
+        )
+
+
+def _springs(scene, mesh, cells):
+    """Return what conditions on surfaces hold, facet by facet at its centroid."""
+    found = [_Springs(np.zeros((0, mesh.dim)), np.zeros(0, int), np.zeros((0, mesh.dim)))]
+    for boundary in scene.boundary:
+        for name, given in boundary.surface_conditions().items():
+            ways = CONDITIONS[name](**given).holds
+            for tag in boundary.on if ways else ():
+                facets = mesh.facets[tag]
+                behind = locate_facets(facets, cells, mesh.element)[0]
+                held = _directions(mesh, facets[behind >= 0], ways)
+                cell = behind[behind >= 0]
+                found += [_Springs(held.X, cell, directions) for directions in held.directions]
+    return _Springs(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+class _Directions(NamedTuple):
+    """Centroids X (F, d) of facets and directions there, k arrays (F, d)."""
+
+    X: np.ndarray
+    directions: list[np.ndarray]
+
+
+def _directions(mesh, facets, ways):
+    """Return the `_Directions` along which the facets (F, Af) are held: "normal", "tangential"."""
+    facet = mesh.element.facet
+    N, dN = (f(facet.cell.centroid) for f in (facet.shape, facet.gradient))
+    x = mesh.points[facets]
+    normal = facet_normal(dN, np.ones(1), x)[:, 0]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    across = np.eye(mesh.dim) - normal[:, :, None] * normal[:, None, :]
+    found = [normal] if "normal" in ways else []
+    found += [across[:, i] for i in range(mesh.dim)] if "tangential" in ways else []
+    return _Directions((N @ x)[:, 0], found)
+
+
 def _wet(scene, mesh, of_solid, part):
     """Return which cells of the solid, (E,) bool, belong to a part that a fluid in the same matrix
     holds by its viscosity.
@@ -153,10 +210,11 @@ def _joined(groups):
     return connected_components(graph, directed=False)[1][:rows]
 
 
-def _free_motion(points, cells, body, held, further):
+def _free_motion(points, cells, body, held, springs, further):
     """Return a cell of the part and, in words, its free motion; None where the part is held.
 
-    cells (E, A), body (E,), held (N, d) bool, further : of `_constraints`
+    cells (E, A), body (E,), held (N, d) bool; springs : `_Springs` of these cells;
+    further : of `_constraints`
     """
     nodes = np.unique(cells)
     centre = points[nodes].mean(axis=0)
@@ -164,9 +222,14 @@ def _free_motion(points, cells, body, held, further):
     bodies, body = np.unique(body, return_inverse=True)
     pairs = np.unique(np.column_stack([cells.ravel(), np.repeat(body, cells.shape[1])]), axis=0)
     modes = _rigid_modes((points[pairs[:, 0]] - centre) / size)
-    equations = _equations(pairs, modes, held, len(bodies))
-    linear = _linear_equations(pairs, modes, further, len(bodies))
-    free = _null_space(np.vstack([equations, linear]))
+    along = _rigid_modes((springs.X - centre) / size)
+    pushed = np.einsum("rd,rdm->rm", springs.directions, along)
+    equations = [
+        _equations(pairs, modes, held, len(bodies)),
+        _in_columns(pushed, body[springs.cells], len(bodies)),
+        _linear_equations(pairs, modes, further, len(bodies)),
+    ]
+    free = _null_space(np.vstack(equations))
     if not free.shape[1]:
         return None
     motions = free.reshape(len(bodies), modes.shape[2], -1)

@@ -17,6 +17,7 @@ from running import SCENES
 from porofsi_petsc import load_scene
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.phases.loads import BodyForce
 from porofsi_petsc.simulation.simulation import Simulation
 
 SCENE = str(SCENES / "free_fluid.toml")
@@ -151,7 +152,7 @@ def _sources(flow, coupling):
 
         return where_the_mesh_is
 
-    return {i: component(f) for i, f in enumerate(flow.body_force)}
+    return (BodyForce({i: component(f) for i, f in enumerate(flow.body_force)}),)
 
 
 def errors(flow, coupling, time):

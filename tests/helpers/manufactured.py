@@ -23,6 +23,7 @@ from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.linalg.stopwatch import Stopwatch
 from porofsi_petsc.phases.coupling_data import Flow, MeshState, Rates
+from porofsi_petsc.phases.loads import BodyForce
 from porofsi_petsc.phases.pore_fluid import PoreFluid
 from porofsi_petsc.phases.skeleton import Skeleton
 from porofsi_petsc.simulation.build import serial_mesh
@@ -276,10 +277,15 @@ def skeleton_setup(truth, scene, domain, flow=True):
     setup = PorousBuilder(scene, mesh, Stopwatch(), domain).skeleton()
     return replace(
         setup,
-        body_force=dict(enumerate(truth.solid_body_force if flow else truth.dry_body_force)),
+        body_force=sources(truth.solid_body_force if flow else truth.dry_body_force),
         dirichlet=Dirichlet(mesh, 2, entries(CLOSED, truth.exact["u"])),
         surfaces=(traction(domain, "top", truth.traction("top", flow)),),
     )
+
+
+def sources(functions):
+    """Return the body force with these components."""
+    return (BodyForce(dict(enumerate(functions))),)
 
 
 def flow_setup(truth, scene, domain):
@@ -291,7 +297,7 @@ def flow_setup(truth, scene, domain):
     needs_velocity = truth.scene.model.viscosity or truth.scene.model.convection
     return replace(
         setup,
-        body_force=dict(enumerate(truth.fluid_body_force)),
+        body_force=sources(truth.fluid_body_force),
         velocity=Dirichlet(mesh, 2, entries(NORMALS, truth.exact["v_f"]) if needs_velocity else []),
         pressure=Dirichlet(mesh, 1, entries(["top"], truth.exact["p"])),
         fluxes=tuple(flux(domain, side, truth.flux(side)) for side in CLOSED),

@@ -1,0 +1,157 @@
+"""Springs, dashpots and absorbing boundaries, against exact solutions."""
+
+import numpy as np
+import pytest
+from running import SCENES, Job, history, run_here
+
+from porofsi_petsc.errors import InputError
+
+BAR = str(SCENES / "bar.toml")
+YOUNG = 1000.0
+
+
+def run(folder, *overrides):
+    """Return the history of the bar with changes."""
+    run_here(Job(BAR, str(folder), overrides))
+    return history(folder)
+
+
+# -- springs ---------------------------------------------------------------------------------------
+
+LENGTH, DEPTH = 6.0, 0.08
+BEAM = (
+    "model.solid_inertia=false",
+    "time.scheme=steady",
+    "time.step=1.0",
+    "mesh.cell_type=quadrilateral",
+    "mesh.diagonal=right",
+    f"mesh.x={{points=[0.0, {LENGTH}], cells=[60]}}",
+    f"mesh.y={{points=[0.0, {DEPTH}], cells=[1]}}",
+    f"material.0.solid={{law='linear_elastic', young={YOUNG}, poisson=0.0, density=1.0}}",
+)
+
+
+def beam(*sides):
+    """Return the changes that make of the bar a beam with these sides."""
+    return (*BEAM, f"boundary=[{', '.join(sides)}]")
+
+
+def probe(x, *quantities):
+    """Return the change that sets a probe on the axis."""
+    return f"probe=[{{name='A', at=[{x}, {DEPTH / 2}], quantities={list(quantities)}}}]"
+
+
+def test_long_beam_on_winklers_foundation(tmp_path):
+    """An end force P sinks in by 2 P λ/k, λ⁴ = k/(4 EI); normal springs hold all but the way along
+    the beam (Hetényi 1946).
+    """
+    stiffness = YOUNG * DEPTH**3 / 12
+    k = 4 * stiffness  # λ = 1/m
+    P = 1e-5 * stiffness
+    sides = (
+        f"{{on='bottom', spring={{normal={k}}}}}",
+        f"{{on='left', traction={{y={-P / DEPTH}}}}}",
+        "{on='right', displacement={x=0.0}}",
+        "{on='top'}",
+    )
+    found = run(tmp_path, *beam(*sides), probe(0.0, "u_y"))["A.u_y"][-1]
+    # shear adds (λh)²/5, and the springs are at the lower side
+    assert found == pytest.approx(-2 * P / k, rel=3e-3)
+
+
+def test_rod_in_tangential_springs(tmp_path):
+    """E h u'' = k u: at the pulled end u = F coth(κL)/(E h κ), κ² = k/(E h)."""
+    k = YOUNG * DEPTH / LENGTH**2
+    kappa = 1 / LENGTH
+    sides = (
+        f"{{on='bottom', spring={{tangential={k}}}}}",
+        "{on='right', traction={x=1e-3}}",
+        "{on=['left', 'top']}",
+    )
+    message = r"nothing holds the solid in y"
+    with pytest.raises(InputError, match=message):
+        run(tmp_path / "loose", *beam(*sides))
+    held = (*sides[:1], "{on='right', traction={x=1e-3}}", "{on='left'}")
+    held += ("{on='top', displacement={y=0.0}}",)
+    found = run(tmp_path / "held", *beam(*held), probe(LENGTH, "u_x"))["A.u_x"][-1]
+    exact = 1e-3 / (YOUNG * kappa) / np.tanh(kappa * LENGTH)
+    assert found == pytest.approx(exact, rel=1e-3)  # the shear of the rod: (h/L)²
+
+
+def test_damped_oscillator(tmp_path):
+    """A block on a spring and a dashpot under a load that is switched on."""
+    mass, omega, damping = 2.0, 5.0, 0.2  # per area [kg/m²], [1/s], [-]
+    k, c, p = mass * omega**2, 2 * mass * omega * damping, 0.01
+    sides = (
+        f"boundary=[{{on='bottom', spring={{normal={k}}}, dashpot={{normal={c}}}}},"
+        f" {{on=['left', 'right'], displacement={{x=0.0}}}}, {{on='top', traction={{y={-p}}}}}]"
+    )
+    # a block so stiff that it is one mass: its own period is 1/200 of that of the spring
+    stiff = "material.0.solid={law='linear_elastic', young=1e6, poisson=0.0, density=2.0}"
+    found = run(tmp_path, sides, stiff, "time.step=0.01", "time.rho_inf=0.8")
+    t = found["t"]
+    turning = omega * np.sqrt(1 - damping**2)
+    decay = np.exp(-damping * omega * t)
+    swing = np.cos(turning * t) + damping * omega / turning * np.sin(turning * t)
+    exact = -p / k * (1 - decay * swing)
+    assert np.abs(found["A.u_y"] - exact).max() < 5e-3 * np.abs(exact).max()
+
+
+# -- absorbing boundaries --------------------------------------------------------------------------
+
+DENSITY, MU, LAME = 2.0, 5.0, 6.0  # of the bar
+RICKER = "(1 - 2*(pi*(t - 0.6)/0.5)**2)*exp(-(pi*(t - 0.6)/0.5)**2)"
+
+
+def ricker(t):
+    """Return the wavelet of RICKER."""
+    a = (np.pi * (t - 0.6) / 0.5) ** 2
+    return (1 - 2 * a) * np.exp(-a)
+
+
+WAVES = {
+    "P": ("y", "x", np.sqrt((LAME + 2 * MU) / DENSITY)),
+    "S": ("x", "y", np.sqrt(MU / DENSITY)),
+}
+FINE = ("mesh.y.cells=[8]", "time.step=0.01", "time.rho_inf=0.9", "time.end=2.6")
+
+
+@pytest.mark.parametrize("wave", WAVES)
+def test_a_pulse_leaves(tmp_path, wave):
+    """The top of a half-space under a traction σ moves with v = σ/(ρ c); nothing comes back after
+    2 L/c.
+    """
+    along, across, c = WAVES[wave]
+    sides = (
+        f"boundary=[{{on='bottom', absorbing={{}}}}, {{on='top', traction={{{along}='{RICKER}'}}}},"
+        f" {{on=['left', 'right'], displacement={{{across}=0.0}}}}]"
+    )
+    record = f"probe=[{{name='A', at=[0.125, 1.0], quantities=['v_{along}']}}]"
+    found = run(tmp_path, sides, record, *FINE)
+    exact = ricker(found["t"]) / (DENSITY * c)
+    error = np.abs(found[f"A.v_{along}"] - exact).max() / np.abs(exact).max()
+    print(f"{wave}: largest error {error:.2%} of the pulse")
+    assert found["t"][-1] > 1.2 + 2 / c  # the echo would be there
+    assert error < 0.02
+
+
+@pytest.mark.parametrize("wave", WAVES)
+def test_a_wave_comes_in_through_a_compliant_base(tmp_path, wave):
+    """The free surface moves with 2 v_in(t - L/c), and what it sends back leaves."""
+    along, across, c = WAVES[wave]
+    sides = (
+        f"boundary=[{{on='bottom', absorbing={{incident={{{along}='{RICKER}'}}}}}}, {{on='top'}},"
+        f" {{on=['left', 'right'], displacement={{{across}=0.0}}}}]"
+    )
+    record = f"probe=[{{name='A', at=[0.125, 1.0], quantities=['v_{along}']}}]"
+    found = run(tmp_path, sides, record, *FINE)
+    t = found["t"]
+    exact = 2 * ricker(t - 1 / c)
+    error = np.abs(found[f"A.v_{along}"] - exact).max() / 2
+    print(f"{wave}: largest error {error:.2%} of the wave")
+    assert error < 0.03  # the time scheme's error of the speed, (ω Δt)²/12, over ω L/c
+
+
+def test_it_stands_alone(tmp_path):
+    with pytest.raises(InputError, match="which excludes"):
+        run(tmp_path, "boundary.0={on='bottom', absorbing={}, spring={normal=1.0}}")
