@@ -57,6 +57,7 @@ TABLES = {
     "[petsc]": sections.Petsc,
     "[[probe]]": sections.Probe,
     "[[force]]": sections.Force,
+    "[[surface]]": sections.Surface,
     "[[interface]]": sections.Interface,
     "[output]": sections.Output,
     "[figures]": sections.Figures,

@@ -9,6 +9,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from ..conditions import CONDITIONS
 from ..errors import digits, shown
 from ..materials import ELASTIC, PERMEABILITY
+from ..quantities import SURFACES
 from .conditions import (
     BodyForce,
     Boundary,
@@ -36,6 +37,7 @@ from .sections import (
     Probe,
     Smoke,
     Stabilization,
+    Surface,
     Time,
 )
 from .types import ListOf, Table, Text, closest, wrong
@@ -69,6 +71,7 @@ class Scene(Table):
     petsc: Petsc = Petsc()
     probe: Annotated[tuple[Probe, ...], ListOf()] = ()
     force: Annotated[tuple[Force, ...], ListOf()] = ()
+    surface: Annotated[tuple[Surface, ...], ListOf()] = ()
     interface: Annotated[tuple[Interface, ...], ListOf()] = ()
     output: Output = Output()
     figures: Figures = Figures()
@@ -94,11 +97,28 @@ class Scene(Table):
         probes = [
             f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities
         ]
-        forces = [f"{force.name}.f_{axis}" for force in self.force for axis in "xyz"[: self.dim]]
-        return probes + forces + self.surface_columns
+        surfaces = [
+            f"{surface.name}.{column}"
+            for surface in self.surfaces
+            for quantity in surface.quantities
+            for column in SURFACES[quantity].columns(self.dim)
+        ]
+        return probes + surfaces + self.condition_columns
 
     @property
-    def surface_columns(self) -> list[str]:
+    def surfaces(self) -> tuple[Force | Surface, ...]:
+        """Return the surfaces that the history records something of, forces first."""
+        return (*self.force, *self.surface)
+
+    @property
+    def named_surfaces(self) -> list[tuple[str, Force | Surface]]:
+        """Return them with their keys."""
+        forces = [f"force.{i}" for i in range(len(self.force))]
+        keys = [*forces, *(f"surface.{i}" for i in range(len(self.surface)))]
+        return list(zip(keys, self.surfaces, strict=True))
+
+    @property
+    def condition_columns(self) -> list[str]:
         """Return those of conditions on surfaces, tag and column."""
         return [
             f"{tag}.{column}"
@@ -204,12 +224,6 @@ class Scene(Table):
                         " and solids only",
                         name,
                     )
-            if self.force:
-                raise wrong(
-                    "received a surface with porous materials, expected one of a free fluid or of"
-                    " a solid without pores",
-                    "force.0",
-                )
             return
         for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
             if getattr(self.model, term) == "auto":
@@ -405,7 +419,12 @@ class Scene(Table):
 
     def _check_surface_columns(self):
         """Refuse columns of the history that two conditions would write, or that a comma breaks."""
-        taken: dict[str, str] = {}
+        taken = {
+            f"{entry.name}.{column}": key
+            for key, entry in self.named_surfaces
+            for quantity in entry.quantities
+            for column in SURFACES[quantity].columns(self.dim)
+        }
         for i, boundary in enumerate(self.boundary):
             for name in boundary.surface_conditions():
                 key = f"boundary.{i}.{name}"
@@ -421,12 +440,20 @@ class Scene(Table):
 
     def _check_probes(self):
         names = [probe.name for probe in self.probe]
-        for i, force in enumerate(self.force):
-            if force.name in names or force.name in [other.name for other in self.force[:i]]:
+        taken = set(names)
+        for key, surface in self.named_surfaces:
+            if surface.name in taken:
                 raise wrong(
-                    f"received '{force.name}', the name of another probe or force, expected"
-                    " another",
-                    f"force.{i}.name",
+                    f"received '{surface.name}', the name of another probe, force or surface,"
+                    " expected another",
+                    f"{key}.name",
+                )
+            taken.add(surface.name)
+            if self.time.scheme == "steady" and "volume" in surface.quantities:
+                raise wrong(
+                    "received 'volume' with time.scheme = 'steady', which has no time, expected"
+                    " 'flow_rate'",
+                    f"{key}.quantities",
                 )
         for i, probe in enumerate(self.probe):
             if probe.name in names[:i]:

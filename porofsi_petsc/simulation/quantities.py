@@ -1,16 +1,18 @@
-"""What the history records: fields at probes and forces on surfaces."""
+"""What the history records: fields at probes, and what belongs to surfaces."""
+
+from typing import Any
 
 import numpy as np
 
 from ..config import Scene
-from ..coupling.interface import InterfaceMedium
 from ..errors import InputError
 from ..quantities import QUANTITIES
 from .auto import AnyMedium
+from .builder import materials_of
 from .fields import Fields
-from .forces import Forces
 from .measures import Measures
 from .sides import check_probes, probes_in
+from .surfaces import Surfaces
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -30,21 +32,36 @@ class Quantities:
             probes_in(scene, phase.domain) for phase in (coupling.solid, coupling.fluid)
         )
         check_probes(scene, self._in_fluid, coupling.fluid.domain)
-        self._forces = None
-        if scene.force:
-            assert isinstance(coupling, InterfaceMedium)  # porous media have no [[force]]
-            self._forces = Forces(scene, coupling)
+        self._surfaces = None
+        if scene.surfaces:
+            self._surfaces = Surfaces(scene, coupling, materials_of(scene, self._mesh))
 
     def values(self, t: float) -> list[float]:
         """Return the values at the present time t [s], one for each column (collective)."""
-        forces = self._forces.at(t) if self._forces else []
-        return self._probe_values() + forces + self._surface_values()
+        surfaces = self._surfaces.at(t) if self._surfaces else []
+        return self._probe_values() + surfaces + self._condition_values()
 
-    def _surface_values(self):
+    def advance(self, t: float) -> None:
+        """Take note of an accepted step that ends at t [s] (collective)."""
+        if self._surfaces:
+            self._surfaces.advance(t)
+
+    def memory(self) -> dict[str, Any]:
+        """Return what a restart needs."""
+        volumes = self._surfaces.volumes if self._surfaces else None
+        return {"volumes": volumes.state()} if volumes else {}
+
+    def load(self, memory: dict[str, Any]) -> None:
+        """Continue from `memory`."""
+        volumes = self._surfaces.volumes if self._surfaces else None
+        if volumes:
+            volumes.load(memory["volumes"])
+
+    def _condition_values(self):
         """Return what conditions on surfaces record, in the order of the scene."""
         coupling = self._coupling
         recorded = coupling.solid.surfaces.recorded() | coupling.fluid.surfaces.recorded()
-        return [recorded[column] for column in self._scene.surface_columns]
+        return [recorded[column] for column in self._scene.condition_columns]
 
     def _probe_values(self):
         fields = self._probe_fields()
