@@ -9,8 +9,26 @@ import numpy as np
 
 from .registry import Registry
 
+TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")  # components of a symmetric tensor in their order
+# of the stress and the strain of a solid: tensors, and what is made of the effective stress
+TENSORS = {
+    name: tuple(f"{name}_{pair}" for pair in TENSOR) for name in ("stress", "total", "strain")
+}
+INVARIANTS = (
+    "mean_effective_stress",
+    "von_mises",
+    "principal_1",
+    "principal_2",
+    "principal_3",
+)
+OF_STRESS = (*TENSORS["stress"], *TENSORS["total"], *TENSORS["strain"], *INVARIANTS)
 # u, v and vf have a component for each axis
-BUILT_IN = tuple(f"{name}_{axis}" for name in ("u", "v", "vf") for axis in "xyz") + ("p", "n_f")
+BUILT_IN = (
+    *(f"{name}_{axis}" for name in ("u", "v", "vf") for axis in "xyz"),
+    "p",
+    "n_f",
+    *OF_STRESS,
+)
 
 
 class SurfaceQuantity(NamedTuple):

@@ -9,7 +9,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from ..conditions import CONDITIONS
 from ..errors import digits, shown
 from ..materials import ELASTIC, PERMEABILITY
-from ..quantities import SURFACES
+from ..quantities import OF_STRESS, SURFACES
 from .conditions import (
     BodyForce,
     Boundary,
@@ -468,7 +468,7 @@ class Scene(Table):
                 )
             for quantity in probe.quantities:
                 self._require_phase_of(quantity, f"probe.{i}.quantities")
-                if self.dim == 2 and quantity.endswith("_z"):
+                if self.dim == 2 and quantity.endswith(("_z", "_xz", "_yz")):
                     raise wrong(
                         f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities"
                     )
@@ -476,6 +476,14 @@ class Scene(Table):
     def _require_phase_of(self, quantity, key):
         """Refuse the motion of a solid, or of a mesh, where there is none."""
         name, _, axis = quantity.rpartition("_")
+        if quantity in OF_STRESS and not self.phases[0]:
+            raise wrong(
+                f"received '{quantity}' without a solid, expected p or a component of vf", key
+            )
+        if name == "total" and not self.is_porous:
+            raise wrong(
+                f"received '{quantity}' without pores everywhere, expected 'stress_{axis}'", key
+            )
         if name in ("u", "v") and not (self.phases[0] or self.model.moving_mesh):
             advice = f"; did you mean 'vf_{axis}'?" if name == "v" else ""
             raise wrong(

@@ -6,12 +6,13 @@ import numpy as np
 
 from ..config import Scene
 from ..errors import InputError
-from ..quantities import QUANTITIES
+from ..quantities import OF_STRESS, QUANTITIES, TENSORS
 from .auto import AnyMedium
 from .builder import materials_of
 from .fields import Fields
 from .measures import Measures
 from .sides import check_probes, probes_in
+from .stresses import stress_values
 from .surfaces import Surfaces
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -31,7 +32,7 @@ class Quantities:
         self._in_solid, self._in_fluid = (
             probes_in(scene, phase.domain) for phase in (coupling.solid, coupling.fluid)
         )
-        check_probes(scene, self._in_fluid, coupling.fluid.domain)
+        check_probes(scene, coupling, self._in_solid, self._in_fluid)
         self._surfaces = None
         if scene.surfaces:
             self._surfaces = Surfaces(scene, coupling, materials_of(scene, self._mesh))
@@ -65,8 +66,8 @@ class Quantities:
 
     def _probe_values(self):
         fields = self._probe_fields()
-        values = self._own_values()
-        for quantity in self._asked - QUANTITIES.keys():
+        values = self._own_values() | self._stress_values()
+        for quantity in self._asked - QUANTITIES.keys() - set(OF_STRESS):
             name, _, axis = quantity.rpartition("_") if quantity != "n_f" else (quantity, "", "")
             column = AXES.get(axis, 0) if quantity != "p" else 0
             values[quantity] = fields[name or quantity][:, column]
@@ -104,11 +105,29 @@ class Quantities:
                 )
         return found
 
+    def _stress_values(self):
+        """Return the stresses and strains at all probes, name -> (n_probes,): those of the averages
+        at nodes.
+        """
+        asked = self._asked & set(OF_STRESS)
+        if not asked:
+            return {}
+        u = self._coupling.solid.u
+        zero = np.zeros((self._mesh.n_owned, 6))
+        of_strain = asked & set(TENSORS["strain"])
+        nodal = [
+            self._measures.stress(u) if asked - of_strain else zero,
+            self._measures.strain(u) if of_strain else zero,
+        ]
+        fields = np.column_stack([self._mesh.halo.extend(np.hstack(nodal)), self._coupling.fluid.p])
+        at = self._in_solid.evaluate(fields)
+        return stress_values(asked, at[:, :6], at[:, 6:12], at[:, 12])
+
     def _probe_fields(self):
         """Return the probe values of every recorded field, name -> (n_probes, k)."""
         coupling = self._coupling
         fluid = self._coupling.fluid
-        asked = self._asked - QUANTITIES.keys()
+        asked = self._asked - QUANTITIES.keys() - set(OF_STRESS)
         wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for q in asked}
         arrays = {
             "u": coupling.displacement(),

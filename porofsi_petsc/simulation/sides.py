@@ -16,7 +16,8 @@ from ..mesh.interface import INTERFACE
 from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_multiplicity, locate_facets
 from ..output.probes import Probes
-from ..quantities import SURFACES
+from ..quantities import OF_STRESS, SURFACES
+from .auto import AnyMedium
 
 # a point this near to the fluid, in elements, is on the interface: far above the round-off of its
 # coordinates
@@ -227,17 +228,32 @@ def probes_in(scene: Scene, domain: Domain) -> Probes:
     return Probes(domain.mesh, points, preferred=domain.row_of_cell >= 0)
 
 
-def check_probes(scene: Scene, probes: Probes, fluid: Domain) -> None:
-    """Raise InputError where a probe of the flow is not in the fluid; fluid : the fluid's
-    `fem.Domain` (collective).
+def is_of_flow(quantity: str) -> bool:
+    """Return whether a quantity of a probe is one of the flow."""
+    return quantity == "p" or quantity.startswith("vf_")
+
+
+def is_of_stress(quantity: str) -> bool:
+    """Return whether a quantity of a probe is one of the stress or strain of the solid."""
+    return quantity in OF_STRESS
+
+
+def check_probes(scene: Scene, coupling: AnyMedium, in_solid: Probes, in_fluid: Probes) -> None:
+    """Raise InputError where a probe of the flow is not in the fluid, or one of the stress not in
+    the solid (collective).
     """
-    wet = probes.evaluate(fluid.holds[:, None].astype(float))[:, 0]
+    _require_inside(scene, in_fluid, coupling.fluid.domain, is_of_flow, "fluid", "solid")
+    _require_inside(scene, in_solid, coupling.solid.domain, is_of_stress, "solid", "fluid")
+
+
+def _require_inside(scene, probes, domain, concerns, phase, other):
+    inside = probes.evaluate(domain.holds[:, None].astype(float))[:, 0]
     for i, probe in enumerate(scene.probe):
-        dry = [name for name in probe.quantities if name == "p" or name.startswith("vf_")]
-        if dry and wet[i] < 1 - WET:
+        asked = [name for name in probe.quantities if concerns(name)]
+        if asked and inside[i] < 1 - WET:
             place = ", ".join(digits(c) for c in probe.at)
             text = (
-                f"received {dry[0]} at ({place}) m in the solid, expected a point of the fluid;"
-                " move the probe or leave it out"
+                f"received {asked[0]} at ({place}) m in the {other}, expected a point of the"
+                f" {phase}; move the probe or leave it out"
             )
             raise InputError(f"{scene.source_path or 'scene'} [probe.{i}]: {text}")
