@@ -51,7 +51,7 @@ class SurfaceQuantity(NamedTuple):
 SURFACES = {
     "force": SurfaceQuantity("f", "N", ("porous", "solid", "fluid"), vector=True),
     "skeleton_force": SurfaceQuantity("fs", "N", ("porous",), vector=True),
-    "pore_force": SurfaceQuantity("ff", "N", ("porous",), vector=True),
+    "pore_force": SurfaceQuantity("fp", "N", ("porous",), vector=True),
     "flow_rate": SurfaceQuantity("flow_rate", "m³/s", ("porous", "fluid")),
     "volume": SurfaceQuantity("volume", "m³", ("porous", "fluid")),
     "area": SurfaceQuantity("area", "m²", ("porous", "solid", "fluid")),

@@ -64,9 +64,9 @@ def test_the_base_of_a_column_takes_its_load_at_all_times(scheme):
     assert np.allclose(found["on_bottom.f_y"][1:], -load, rtol=0, atol=EXACT * load)
     assert np.allclose(found["on_top.f_y"][1:], load, rtol=0, atol=EXACT * load)
     assert np.abs([balance(found, "x"), balance(found, "y")]).max() < EXACT * load
-    both = found["foot.fs_y"] + found["foot.ff_y"]
+    both = found["foot.fs_y"] + found["foot.fp_y"]
     assert np.allclose(both, found["on_bottom.f_y"], rtol=0, atol=EXACT * load)
-    assert np.allclose(found["foot.ff_y"], -found["base.p"] * WIDTH, rtol=1e-12)
+    assert np.allclose(found["foot.fp_y"], -found["base.p"] * WIDTH, rtol=1e-12)
 
 
 def test_the_base_of_a_saturated_column_takes_its_weight():
@@ -78,7 +78,7 @@ def test_the_base_of_a_saturated_column_takes_its_weight():
     total = 10.0 * (0.67 * 2000.0 + 0.33 * 1000.0) * WIDTH * HEIGHT
     buoyant = 10.0 * 0.67 * (2000.0 - 1000.0) * WIDTH * HEIGHT
     assert np.allclose(found["on_bottom.f_y"][1:], -total, rtol=EXACT)
-    assert found["foot.ff_y"][-1] == pytest.approx(-10.0 * 1000.0 * WIDTH * HEIGHT, rel=1e-6)
+    assert found["foot.fp_y"][-1] == pytest.approx(-10.0 * 1000.0 * WIDTH * HEIGHT, rel=1e-6)
     assert found["foot.fs_y"][-1] == pytest.approx(-buoyant, rel=1e-6)
     assert np.abs(balance(found, "x")).max() < EXACT * total
 
