@@ -1,14 +1,64 @@
-"""Quantities of one's own that [[probe]] records beside those of the package."""
+"""What [[probe]] and [[surface]] record: the names of the package, and quantities of one's own at
+probes.
+"""
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from .registry import Registry
 
+TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")  # components of a symmetric tensor in their order
+# of the stress and the strain of a solid: tensors, and what is made of the effective stress
+TENSORS = {
+    name: tuple(f"{name}_{pair}" for pair in TENSOR) for name in ("stress", "total", "strain")
+}
+INVARIANTS = (
+    "mean_effective_stress",
+    "von_mises",
+    "principal_1",
+    "principal_2",
+    "principal_3",
+)
+OF_STRESS = (*TENSORS["stress"], *TENSORS["total"], *TENSORS["strain"], *INVARIANTS)
 # u, v and vf have a component for each axis
-BUILT_IN = tuple(f"{name}_{axis}" for name in ("u", "v", "vf") for axis in "xyz") + ("p", "n_f")
+BUILT_IN = (
+    *(f"{name}_{axis}" for name in ("u", "v", "vf") for axis in "xyz"),
+    "p",
+    "n_f",
+    *OF_STRESS,
+)
+
+
+class SurfaceQuantity(NamedTuple):
+    """What a surface may record.
+
+    symbol : of the column, with a component for each axis where it is a vector; unit : in 2-D per
+    metre of thickness where it is an integral; behind : the kinds of material it may be on
+    """
+
+    symbol: str
+    unit: str
+    behind: tuple[str, ...]
+    vector: bool = False
+
+    def columns(self, dim: int) -> list[str]:
+        """Return the columns in a space of a dimension, without the name of the surface."""
+        return [f"{self.symbol}_{axis}" for axis in "xyz"[:dim]] if self.vector else [self.symbol]
+
+
+SURFACES = {
+    "force": SurfaceQuantity("f", "N", ("porous", "solid", "fluid"), vector=True),
+    "skeleton_force": SurfaceQuantity("fs", "N", ("porous",), vector=True),
+    "pore_force": SurfaceQuantity("fp", "N", ("porous",), vector=True),
+    "flow_rate": SurfaceQuantity("flow_rate", "m³/s", ("porous", "fluid")),
+    "volume": SurfaceQuantity("volume", "m³", ("porous", "fluid")),
+    "area": SurfaceQuantity("area", "m²", ("porous", "solid", "fluid")),
+    "pressure": SurfaceQuantity("pressure", "Pa", ("porous", "fluid")),
+    "wall_shear": SurfaceQuantity("wall_shear", "Pa", ("fluid",)),
+    "wall_shear_max": SurfaceQuantity("wall_shear_max", "Pa", ("fluid",)),
+}
 
 
 class ProbeQuantity:

@@ -360,7 +360,7 @@ def test_forces_have_their_panel():
     columns = ["A.u_x", "body.f_x", "body.f_y"]
     history = {name: np.array([0.0, 2.0e3]) for name in ("t", *columns, "coupling_iterations")}
     figure = Figure()
-    draw_histories(figure, history)
+    draw_histories(figure, history, plane=True)
     assert [ax.get_ylabel() for ax in figure.axes] == [
         "displacement [m]",
         "force [N/m]",
@@ -369,6 +369,20 @@ def test_forces_have_their_panel():
     figure = Figure()
     draw_histories(figure, history | {"body.f_z": history["t"]})
     assert figure.axes[1].get_ylabel() == "force [N]"
+
+
+def test_what_surfaces_record_has_panels_with_units():
+    columns = ["in.flow_rate", "in.pressure", "wall.wall_shear", "out.volume", "a.stress_xx"]
+    history = {name: np.array([0.0, 2.0e3]) for name in ("t", *columns, "coupling_iterations")}
+    figure = Figure()
+    draw_histories(figure, history, plane=True)
+    assert [ax.get_ylabel() for ax in figure.axes[:-1]] == [
+        "pressure [kPa]",
+        "stress [kPa]",
+        "flow rate [m²/s]",
+        "volume [m²]",
+        "wall shear [kPa]",
+    ]
 
 
 def test_figures_leave_out_what_has_no_data(tmp_path):

@@ -59,6 +59,7 @@ TABLES = {
     "[petsc]": sections.Petsc,
     "[[probe]]": sections.Probe,
     "[[force]]": sections.Force,
+    "[[surface]]": sections.Surface,
     "[[interface]]": sections.Interface,
     "[[tie]]": conditions.Tie,
     "[output]": sections.Output,

@@ -17,7 +17,7 @@ from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.phases.surface_force import FluidForce, State
 from porofsi_petsc.simulation.build import serial_mesh
-from porofsi_petsc.simulation.forces import Forces
+from porofsi_petsc.simulation.forces import InterfaceForces
 
 POISEUILLE, BAR, FLAP = (str(SCENES / f"{name}.toml") for name in ("poiseuille", "bar", "flap"))
 # The flow is in the space of the elements.  What is left is the tolerance of the iteration, 1e-12
@@ -201,7 +201,7 @@ def test_the_force_on_the_curved_walls_of_a_pipe():
     for step, (time, schemes, rates) in enumerate(steps_to_end(scene), 1):
         coupling.step(schemes, rates, time, step)
         coupling.accept()
-    outer, inner, end = np.reshape(Forces(scene, coupling).at(1.0), (3, 3))
+    outer, inner, end = InterfaceForces(coupling, [force.on for force in scene.force]).at(1.0)
     mu, moment = 3.0, (1 - 0.5**3) / 3  # ∫ y dA = ∫ z dA of the end
     found = np.array([outer[0], inner[0], end[1], end[2]])
     errors = found / (mu * np.array([np.pi, -np.pi / 4, -2 * moment, -2 * moment])) - 1
@@ -330,7 +330,7 @@ def test_a_checkpoint_without_the_force_of_the_solid_is_refused(tmp_path):
     checkpoint = str(tmp_path / "run" / "checkpoint.h5")
     with pytest.raises(
         InputError,
-        match=r"received a \[\[force\]\] on the solid, which the run of the checkpoint had not",
+        match=r"received a \[\[force\]\] or a \[\[surface\]\] that the run of the",
     ):
         run_here(
             Job(BAR, str(tmp_path / "more"), (*scene, ON_BAR, "time.end=0.2"), restart=checkpoint)

@@ -9,6 +9,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from ..conditions import CONDITIONS
 from ..errors import digits, shown
 from ..materials import ELASTIC, PERMEABILITY
+from ..quantities import OF_STRESS, SURFACES
 from .conditions import (
     BodyForce,
     BodyForces,
@@ -40,6 +41,7 @@ from .sections import (
     Probe,
     Smoke,
     Stabilization,
+    Surface,
     Time,
 )
 from .types import ListOf, Table, Text, closest, wrong
@@ -73,6 +75,7 @@ class Scene(Table):
     petsc: Petsc = Petsc()
     probe: Annotated[tuple[Probe, ...], ListOf()] = ()
     force: Annotated[tuple[Force, ...], ListOf()] = ()
+    surface: Annotated[tuple[Surface, ...], ListOf()] = ()
     interface: Annotated[tuple[Interface, ...], ListOf()] = ()
     tie: Annotated[tuple[Tie, ...], ListOf()] = ()
     output: Output = Output()
@@ -99,11 +102,28 @@ class Scene(Table):
         probes = [
             f"{probe.name}.{quantity}" for probe in self.probe for quantity in probe.quantities
         ]
-        forces = [f"{force.name}.f_{axis}" for force in self.force for axis in "xyz"[: self.dim]]
-        return probes + forces + self.surface_columns
+        surfaces = [
+            f"{surface.name}.{column}"
+            for surface in self.surfaces
+            for quantity in surface.quantities
+            for column in SURFACES[quantity].columns(self.dim)
+        ]
+        return probes + surfaces + self.condition_columns
 
     @property
-    def surface_columns(self) -> list[str]:
+    def surfaces(self) -> tuple[Force | Surface, ...]:
+        """Return the surfaces that the history records something of, forces first."""
+        return (*self.force, *self.surface)
+
+    @property
+    def named_surfaces(self) -> list[tuple[str, Force | Surface]]:
+        """Return them with their keys."""
+        forces = [f"force.{i}" for i in range(len(self.force))]
+        keys = [*forces, *(f"surface.{i}" for i in range(len(self.surface)))]
+        return list(zip(keys, self.surfaces, strict=True))
+
+    @property
+    def condition_columns(self) -> list[str]:
         """Return those of conditions on surfaces, tag and column."""
         return [
             f"{tag}.{column}"
@@ -224,12 +244,6 @@ class Scene(Table):
                         " and solids only",
                         name,
                     )
-            if self.force:
-                raise wrong(
-                    "received a surface with porous materials, expected one of a free fluid or of"
-                    " a solid without pores",
-                    "force.0",
-                )
             return
         for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
             if getattr(self.model, term) == "auto":
@@ -425,7 +439,12 @@ class Scene(Table):
 
     def _check_surface_columns(self):
         """Refuse columns of the history that two conditions would write, or that a comma breaks."""
-        taken: dict[str, str] = {}
+        taken = {
+            f"{entry.name}.{column}": key
+            for key, entry in self.named_surfaces
+            for quantity in entry.quantities
+            for column in SURFACES[quantity].columns(self.dim)
+        }
         for i, boundary in enumerate(self.boundary):
             for name in boundary.surface_conditions():
                 key = f"boundary.{i}.{name}"
@@ -441,12 +460,20 @@ class Scene(Table):
 
     def _check_probes(self):
         names = [probe.name for probe in self.probe]
-        for i, force in enumerate(self.force):
-            if force.name in names or force.name in [other.name for other in self.force[:i]]:
+        taken = set(names)
+        for key, surface in self.named_surfaces:
+            if surface.name in taken:
                 raise wrong(
-                    f"received '{force.name}', the name of another probe or force, expected"
-                    " another",
-                    f"force.{i}.name",
+                    f"received '{surface.name}', the name of another probe, force or surface,"
+                    " expected another",
+                    f"{key}.name",
+                )
+            taken.add(surface.name)
+            if self.time.scheme == "steady" and "volume" in surface.quantities:
+                raise wrong(
+                    "received 'volume' with time.scheme = 'steady', which has no time, expected"
+                    " 'flow_rate'",
+                    f"{key}.quantities",
                 )
         for i, probe in enumerate(self.probe):
             if probe.name in names[:i]:
@@ -461,7 +488,7 @@ class Scene(Table):
                 )
             for quantity in probe.quantities:
                 self._require_phase_of(quantity, f"probe.{i}.quantities")
-                if self.dim == 2 and quantity.endswith("_z"):
+                if self.dim == 2 and quantity.endswith(("_z", "_xz", "_yz")):
                     raise wrong(
                         f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities"
                     )
@@ -469,6 +496,14 @@ class Scene(Table):
     def _require_phase_of(self, quantity, key):
         """Refuse the motion of a solid, or of a mesh, where there is none."""
         name, _, axis = quantity.rpartition("_")
+        if quantity in OF_STRESS and not self.phases[0]:
+            raise wrong(
+                f"received '{quantity}' without a solid, expected p or a component of vf", key
+            )
+        if name == "total" and not self.is_porous:
+            raise wrong(
+                f"received '{quantity}' without pores everywhere, expected 'stress_{axis}'", key
+            )
         if name in ("u", "v") and not (self.phases[0] or self.model.moving_mesh):
             advice = f"; did you mean 'vf_{axis}'?" if name == "v" else ""
             raise wrong(

@@ -8,7 +8,7 @@ from pydantic import Field, Strict, model_validator
 
 from ..accelerators import ACCELERATORS
 from ..errors import digits, shown
-from ..quantities import BUILT_IN, QUANTITIES
+from ..quantities import BUILT_IN, QUANTITIES, SURFACES
 from .steps import MOST_STEPS, RESOLUTION, number_of_steps
 from .types import (
     Coefficient,
@@ -31,6 +31,7 @@ from .types import (
 # a local error below is that of rounding, a few 1e-16 of u and p, which no step makes smaller
 FINEST_ERROR = 1e-12
 Quantity = Annotated[Text, OneOf(QUANTITIES, *BUILT_IN)]
+OfSurface = Annotated[Text, OneOf(SURFACES)]
 
 
 class Model(Table):
@@ -241,6 +242,13 @@ class Petsc(Table):
     options: Text = ""
 
 
+def _each_once(table):
+    """Return a table; refuse it where one of its quantities is there twice."""
+    if len(set(table.quantities)) < len(table.quantities):
+        raise wrong(f"received {list(table.quantities)}, expected each quantity once", "quantities")
+    return table
+
+
 class Probe(Table):
     """A reference point [m] and the quantities recorded there in every step."""
 
@@ -250,20 +258,33 @@ class Probe(Table):
 
     @model_validator(mode="after")
     def _distinct(self) -> "Probe":
-        if len(set(self.quantities)) < len(self.quantities):
-            raise wrong(
-                f"received {list(self.quantities)}, expected each quantity once", "quantities"
-            )
-        return self
+        return _each_once(self)
 
 
 class Force(Table):
-    """The force of a free fluid or a solid on tagged surfaces, in every step as name.f_x, name.f_y,
-    name.f_z [N].
+    """The force on tagged surfaces, in every step as name.f_x, name.f_y, name.f_z [N]: a
+    [[surface]] with the quantity force.
     """
 
     name: Name
     on: Tags
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Return the quantities of the surface."""
+        return ("force",)
+
+
+class Surface(Table):
+    """Tagged surfaces and the quantities that are recorded of all of them together."""
+
+    name: Name
+    on: Tags
+    quantities: Annotated[tuple[OfSurface, ...], ListOf(shortest=1)]
+
+    @model_validator(mode="after")
+    def _distinct(self) -> "Surface":
+        return _each_once(self)
 
 
 class Interface(Table):

@@ -1,7 +1,7 @@
 """The strict table every section of a scene derives from, and the types of its entries."""
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -21,7 +21,6 @@ from pydantic import (
 from pydantic_core import PydanticCustomError, core_schema
 
 from ..errors import InputError, listed, shown
-from ..registry import Registry
 from .expressions import Expression
 from .numbers import RANGE, in_range
 
@@ -118,11 +117,11 @@ def _in_range(value: float) -> float:
 
 
 class OneOf:
-    """The annotation of a name: one of some words, or of what a registry has when a scene is
-    read.
+    """The annotation of a name: one of some words, or of what a registry or a table has when a
+    scene is read.
     """
 
-    def __init__(self, registry: Registry, *words: str) -> None:
+    def __init__(self, registry: Mapping[str, Any], *words: str) -> None:
         """Take the registry and the words."""
         self._registry = registry
         self._words = words

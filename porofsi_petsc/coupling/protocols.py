@@ -11,7 +11,7 @@ from ..fem.domain import Domain
 from ..phases.block import LinearBlock
 from ..phases.coupling_data import Flow, MeshState, Rates
 from ..phases.residual import Residual
-from ..phases.setup import FreeFluidSetup, PhaseSetup
+from ..phases.setup import FreeFluidSetup, PhaseSetup, PoreFluidSetup
 from ..phases.surface_terms import SurfaceTerms
 
 Arrays = dict[str, np.ndarray]  # name -> (n_owned, ...)
@@ -25,7 +25,7 @@ class Phase(Protocol):
     domain: Domain
     block: LinearBlock
     surfaces: SurfaceTerms
-    scheme: Scheme
+    scheme: Scheme  # of the last step
     v: np.ndarray
     unknowns: np.ndarray
 
@@ -74,9 +74,10 @@ class Solid(Phase, Protocol):
 class InterfaceSolid(Solid, Protocol):
     """A solid that meets a free fluid."""
 
-    force: np.ndarray
     robin_coefficient: float
 
+    @property
+    def force(self) -> np.ndarray: ...
     def take_velocity(self, gap: np.ndarray) -> None: ...
 
 
@@ -118,6 +119,14 @@ class Fluid(Phase, Protocol):
 class PoreFluid(Fluid, Protocol):
     """A fluid in the pores of a skeleton."""
 
+    @property
+    def setup(self) -> PoreFluidSetup: ...
+    @property
+    def force(self) -> np.ndarray: ...
+    @property
+    def outflow(self) -> np.ndarray: ...
+    @property
+    def collocated_outflow(self) -> np.ndarray: ...
     def drag_along(self, change: np.ndarray) -> None: ...
     def unbalanced(self, momentum: Residual) -> np.ndarray | float: ...
 

@@ -163,6 +163,28 @@ def traction_load(
     return N.T @ (mu * viscous[..., 0] - (p @ N.T)[..., None] * normal)
 
 
+def flux_load(N: np.ndarray, normal: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return ∮ N_a w·n dA, (F, A, 1) [m³/s], of nodal velocities w (F, A, d) [m/s] in the cells
+    behind facets.
+
+    N (Q, A) of the cells at the facets' points; normal (F, Q, d) outward normal times dA
+    """
+    return N.T @ ((N @ w) * normal).sum(axis=-1, keepdims=True)
+
+
+def wall_shear(G: np.ndarray, normal: np.ndarray, v: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """Return the tangential part of the viscous traction μ (∇v + ∇vᵀ) n, its size, (F, Q) [Pa].
+
+    G (F, Q', A, d) of the cells at the facets' points; normal (F, Q, d) outward normal times dA; v
+    (F, A, d); mu (F,) [Pa s]
+    """
+    n = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    gradient = np.swapaxes(v, 1, 2)[:, None] @ G
+    traction = ((gradient + np.swapaxes(gradient, 2, 3)) @ n[..., None])[..., 0]
+    across = (traction * n).sum(axis=-1, keepdims=True)
+    return mu[:, None] * np.linalg.norm(traction - across * n, axis=-1)
+
+
 def weak_zero(N: np.ndarray, G: np.ndarray, normal: np.ndarray, penalty: np.ndarray) -> np.ndarray:
     """Return -∮ (q ∂_n s + s ∂_n q) dA + ∮ penalty q s dA, (F, A, A) [m^(d-2)]: s = 0 by Nitsche's
     method (1971).

@@ -54,9 +54,7 @@ def make_figures(directory: Path) -> list[Path]:
 def make_curves(directory: Path) -> list[Path]:
     """Draw the figures of `make_figures` that need no fields, which are as large as the mesh."""
     directory = Path(directory)
-    return _history_figures(directory, _scene(directory).get("figures", {})) + _reference_figure(
-        directory
-    )
+    return _history_figures(directory, _scene(directory)) + _reference_figure(directory)
 
 
 def _scene(directory):
@@ -197,13 +195,15 @@ def choose_snapshots(snapshots: Sequence[Snapshot], times: Sequence[float]) -> l
     return [snapshots[i] for i in sorted({int(i) for i in chosen})]
 
 
-def _history_figures(directory, settings):
+def _history_figures(directory, scene):
     if not (directory / HISTORY).is_file():
         return []
     history = read_history(directory / HISTORY)
     if len(history["t"]) < 2:
         return []
-    written = [save_figure(directory / "histories.png", draw_histories, history)]
+    path = directory / "histories.png"
+    written = [save_figure(path, draw_histories, history, _is_plane(scene.get("mesh", {})))]
+    settings = scene.get("figures", {})
     probes = [
         name
         for name in settings.get("paths", [])
@@ -212,6 +212,12 @@ def _history_figures(directory, settings):
     if probes:
         written.append(save_figure(directory / "paths.png", draw_paths, history, probes))
     return written
+
+
+def _is_plane(mesh):
+    """Return whether a [mesh] is one of plane strain, not of a body in space."""
+    in_plane = mesh.get("kind") == "rectangle" or mesh.get("dim") == 2
+    return in_plane and not mesh.get("axisymmetric", False)
 
 
 def _reference_figure(directory):

@@ -14,23 +14,58 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 7.2  # [inch]
-KINDS = {  # symbol in front of the component: what it is, SI unit
-    "u": ("displacement", "m"),
-    "v": ("solid velocity", "m/s"),
-    "vf": ("fluid velocity", "m/s"),
-    "p": ("pressure", "Pa"),
-    "n": ("porosity", ""),
-    "f": ("force", "N"),
+KINDS = {  # of panels: what it is, SI unit, that per metre of thickness
+    "displacement": ("displacement", "m", "m"),
+    "solid velocity": ("solid velocity", "m/s", "m/s"),
+    "fluid velocity": ("fluid velocity", "m/s", "m/s"),
+    "pressure": ("pressure", "Pa", "Pa"),
+    "porosity": ("porosity", "", ""),
+    "stress": ("stress", "Pa", "Pa"),
+    "strain": ("strain", "", ""),
+    "force": ("force", "N", "N/m"),
+    "flow rate": ("flow rate", "m³/s", "m²/s"),
+    "volume": ("volume", "m³", "m²"),
+    "area": ("area", "m²", "m"),
+    "wall shear": ("wall shear", "Pa", "Pa"),
 }
-SYMBOLS = (
-    {"p": "p", "n_f": "n_f"}
-    | {f"f_{axis}": f"f_{axis}" for axis in "xyz"}
-    | {
-        f"{kind}_{axis}": f"{symbol}_{{{index}{axis}}}"
-        for kind, symbol, index in (("u", "u", ""), ("v", "v", "s,"), ("vf", "v", "f,"))
-        for axis in "xyz"
-    }
-)
+ON_SURFACES = {"force", "flow rate", "volume", "area", "wall shear"}
+# quantity: kind, symbol
+SCALARS = {
+    "p": ("pressure", "p"),
+    "n_f": ("porosity", "n_f"),
+    "pressure": ("pressure", r"\bar{p}"),  # the mean over a surface
+    "mean_effective_stress": ("stress", "p'"),
+    "von_mises": ("stress", "q"),
+    "flow_rate": ("flow rate", "Q"),
+    "volume": ("volume", "V"),
+    "area": ("area", "A"),
+    "wall_shear": ("wall shear", r"\bar{\tau}"),
+    "wall_shear_max": ("wall shear", r"\tau_{\max}"),
+}
+# what a quantity with components begins with: kind, symbol, what stands before the component
+COMPONENTS = {
+    "u": ("displacement", "u", ""),
+    "v": ("solid velocity", "v", "s,"),
+    "vf": ("fluid velocity", "v", "f,"),
+    "f": ("force", "f", ""),
+    "fs": ("force", "f", "s,"),
+    "fp": ("force", "f", "p,"),
+    "stress": ("stress", r"\sigma'", ""),
+    "total": ("stress", r"\sigma", ""),
+    "principal": ("stress", r"\sigma'", ""),
+    "strain": ("strain", r"\varepsilon", ""),
+}
+
+
+def _kind(name):
+    """Return the kind of a quantity and its symbol, ("", "") of one that is not drawn."""
+    if name in SCALARS:
+        return SCALARS[name]
+    first, _, component = name.partition("_")
+    if first not in COMPONENTS or not component.isalnum():
+        return "", ""
+    kind, symbol, index = COMPONENTS[first]
+    return kind, f"{symbol}_{{{index}{component}}}"
 
 
 def kinds_of(history: Iterable[str]) -> dict[str, list[str]]:
@@ -38,7 +73,7 @@ def kinds_of(history: Iterable[str]) -> dict[str, list[str]]:
     <probe>.<quantity>.
     """
     columns = [name for name in history if "." in name]
-    grouped = {kind: [c for c in columns if quantity(c).split("_")[0] == kind] for kind in KINDS}
+    grouped = {kind: [c for c in columns if _kind(quantity(c))[0] == kind] for kind in KINDS}
     return {kind: members for kind, members in grouped.items() if members}
 
 
@@ -52,34 +87,33 @@ def quantity(column: str) -> str:
     return column.rpartition(".")[2]
 
 
-def draw_histories(figure: Figure, history: dict[str, np.ndarray]) -> None:
+def draw_histories(figure: Figure, history: dict[str, np.ndarray], plane: bool = False) -> None:
     """Draw one panel per kind of quantity over time and a small one with the coupling
-    iterations.
+    iterations; plane : integrals over surfaces are those of one metre of thickness.
     """
     kinds = kinds_of(history)
     heights = [1.0] * len(kinds) + [0.45]
     figure.set_size_inches(WIDTH, 2.1 * sum(heights) + 0.5)
     axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for ax, (kind, columns) in zip(axes, kinds.items(), strict=False):
-        _draw_kind(ax, history, kind, columns)
+        _draw_kind(ax, history, kind, columns, plane)
     _draw_iterations(axes[-1], history)
     axes[-1].set_xlabel("$t$ [s]")
     axes[-1].set_xlim(history["t"][0], history["t"][-1])
 
 
-def _draw_kind(ax, history, kind, columns):
-    text, unit = KINDS[kind]
-    per_thickness = kind == "f" and not any(quantity(column) == "f_z" for column in columns)
-    factor, unit = _unit(history, columns, f"{unit}/m" if per_thickness else unit)
-    where = "on" if kind == "f" else "at"
+def _draw_kind(ax, history, kind, columns, plane):
+    text, unit, per_thickness = KINDS[kind]
+    factor, unit = _unit(history, columns, per_thickness if plane else unit)
     for column, style in zip(columns, cycle(["-", "--", "-.", ":"]), strict=False):
+        on = kind in ON_SURFACES or quantity(column) == "pressure"
         ax.plot(
             history["t"],
             factor * history[column],
             style,
-            label=f"${SYMBOLS[quantity(column)]}$ {where} {probe(column)}",
+            label=f"${_kind(quantity(column))[1]}$ {'on' if on else 'at'} {probe(column)}",
         )
-    if kind != "n":
+    if kind not in ("porosity", "area"):
         ax.axhline(0.0, color="0.6", linewidth=0.5, zorder=0)
     ax.set_ylabel(f"{text} [{unit}]" if unit else text)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

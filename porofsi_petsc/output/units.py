@@ -9,8 +9,10 @@ def scaled_unit(largest: float, unit: str) -> tuple[float, str]:
     """Return the factor from SI to a unit in which the largest magnitude lies between 1 and 1000,
     and its name.
 
-    Lengths and velocities have no prefix above one.
+    Lengths and velocities have no prefix above one, powers of lengths none at all.
     """
+    if "²" in unit or "³" in unit:
+        return 1.0, unit
     for size, prefix in PREFIXES:
         if largest >= size * (1 - 1e-12) and (size <= 1 or unit in ("Pa", "J")):
             return 1 / size, prefix + unit

@@ -3,23 +3,18 @@ it.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
-from ..clock import at_end
 from ..kernels import exchange
-from .coupling_data import Flow, Rates
-from .residual import Residual
+from .coupling_data import Flow
 from .setup import ElasticSolidSetup
 from .solid import SolidPhase
 
 
 class ElasticSolid(SolidPhase):
-    """A solid without pores, or one that a free fluid flows through, of which it feels the drag.
-
-    `force` (n_owned, d) [N] is that on what bounds it at the end of the accepted step, `_force0`
-    the collocated one, if they are kept.
+    """A solid without pores, or one that a free fluid flows through, of which it feels the
+    drag.
     """
 
     setup: ElasticSolidSetup
@@ -29,9 +24,6 @@ class ElasticSolid(SolidPhase):
         super().__init__(setup)
         if setup.immersed:
             self.noun = "skeleton"
-        self.force, self._force0 = (np.zeros((self.mesh.n_owned, self.mesh.dim)) for _ in range(2))
-        # from the level of _force0 to the accepted end of step [s]; None: no line through it
-        self._force_age: float | None = None
         self.robin_coefficient = 0.0  # α of a Robin condition [Pa s/m]
 
     def _flow_terms(self, flow: Flow) -> dict[str, np.ndarray]:
@@ -40,15 +32,6 @@ class ElasticSolid(SolidPhase):
         if self.setup.immersed:
             return {"drag": self._coupling_terms(flow)["drag"]} | force
         return force
-
-    def boundary_force(self, residual: Residual) -> np.ndarray:
-        """Return the force on what bounds the solid, (n_owned, d) [N]: minus the residual without
-        given tractions.
-
-        The force of a fluid is part of the residual; where the solid is held it is minus the
-        reaction.
-        """
-        return -residual.without("traction")
 
     def take_velocity(self, gap: np.ndarray) -> None:
         """Move the nodes that are told their velocity so that a gap v_s - v on the collocation
@@ -78,35 +61,3 @@ class ElasticSolid(SolidPhase):
             drag = self.setup.materials[region].drag(configuration.J[chunk])
             geometry = configuration.geometry.part(chunk)
             yield chunk, exchange.solid_by_drag(self.domain.mass.N, geometry, drag)
-
-    # -- end of a step -----------------------------------------------------------------------------
-
-    def accept(self) -> None:
-        """Make the trial state the accepted one; see `SolidPhase.accept`."""
-        super().accept()
-        if self.setup.reaction:
-            force = self.boundary_force(self._residual)
-            self.force = at_end(self.scheme, self._force_age, self._force0, force)
-            self._force0 = force
-            self._force_age = (1 - self.scheme.alpha_f) * self.scheme.dt
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Return every array a restart needs, name -> (n_owned, d)."""
-        if not self.setup.reaction:
-            return super().state()
-        return super().state() | {"force": self.force, "force_collocated": self._force0}
-
-    def memory(self) -> dict[str, Any]:
-        """Return the numbers a restart needs beside the arrays."""
-        age = {"force_age": self._force_age} if self.setup.reaction else {}
-        return super().memory() | age
-
-    def load_state(
-        self, arrays: dict[str, np.ndarray], memory: dict[str, Any], rates: Rates
-    ) -> None:
-        """Continue from `state` and `memory`; see `SolidPhase.load_state`."""
-        if self.setup.reaction:
-            self.force = arrays["force"]
-            self._force0 = arrays["force_collocated"]
-            self._force_age = memory["force_age"]
-        super().load_state(arrays, memory, rates)

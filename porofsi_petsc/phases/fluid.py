@@ -196,7 +196,8 @@ class FluidPhase:
         self._add_volume_terms(volume_terms)
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self.setup.velocity_free)
-        return self._momentum, Residual(comm, volume_terms, self.setup.pressure_free)
+        self._volume = Residual(comm, volume_terms, self.setup.pressure_free)
+        return self._momentum, self._volume
 
     def _residual_fields(self, mesh_state):
         return self._trial_fields(mesh_state)

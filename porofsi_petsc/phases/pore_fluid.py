@@ -3,6 +3,7 @@ pressure.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..linalg.solver import LinearSolver
 from ..tensors import trace
 from .coupling_data import MeshState, Rates
 from .fluid import FluidPhase
+from .kept_force import KeptForce
 from .nodal_drag import drag_weight, dragged_part, product
 from .residual import Residual
 from .setup import PoreFluidSetup
@@ -34,6 +36,7 @@ class PoreFluid(FluidPhase):
         """Take the setup (collective)."""
         super().__init__(setup)
         self.fluxes = SurfaceTerms(self.mesh.n_owned, 1, setup.fluxes)
+        self.kept = KeptForce(self.mesh.n_owned, self.mesh.dim + 1)
 
     def _new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         return self.setup.linear_solver(matrix, operators=False)
@@ -159,3 +162,47 @@ class PoreFluid(FluidPhase):
                 *self.setup.materials[region].volume_derivatives(J)
             )
             yield chunk, shape.flow_by_geometry(elements, fields.on(chunk), derivatives)
+
+    # -- end of a step -----------------------------------------------------------------------------
+
+    @property
+    def force(self) -> np.ndarray:
+        """Return the force on what holds the velocity at the end of the accepted step, (n_owned, d)
+        [N], if it is kept: minus the residual of the momentum.
+        """
+        return self.kept.end[:, : self.mesh.dim]
+
+    @property
+    def outflow(self) -> np.ndarray:
+        """Return the volume rates ∮ N_a n_f w·n dA out of the boundary at the end of the accepted
+        step, (n_owned, 1) [m³/s], if they are kept: minus the volume balance without given fluxes.
+        """
+        return self.kept.end[:, self.mesh.dim :]
+
+    @property
+    def collocated_outflow(self) -> np.ndarray:
+        """Return the same on the collocation level of the accepted step, where the volume balance
+        holds.
+        """
+        return self.kept.collocated[:, self.mesh.dim :]
+
+    def accept(self) -> None:
+        """Make the trial state the accepted one (collective)."""
+        if self.setup.reaction:
+            balances = self._momentum.without("traction"), self._volume.without("flux")
+            self.kept.accept(self.scheme, -np.column_stack(balances))
+        super().accept()
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return every array a restart needs, name -> (n_owned, ...)."""
+        return (self.kept.state() if self.setup.reaction else {}) | super().state()
+
+    def memory(self) -> dict[str, Any]:
+        """Return the numbers a restart needs beside the arrays."""
+        return (self.kept.memory() if self.setup.reaction else {}) | super().memory()
+
+    def load_state(self, arrays: dict[str, np.ndarray], memory: dict[str, Any], *args: Any) -> None:
+        """Continue from `state` and `memory`; see `FluidPhase.load_state`."""
+        if self.setup.reaction:
+            self.kept.load(arrays, memory)
+        super().load_state(arrays, memory, *args)

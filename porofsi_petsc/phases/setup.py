@@ -84,9 +84,13 @@ class PhaseSetup:
 
 @dataclass(frozen=True, kw_only=True)
 class SolidSetup(PhaseSetup):
-    """Common to the skeleton and a solid without pores: essential displacement."""
+    """Common to the skeleton and a solid without pores: essential displacement.
+
+    reaction : whether the force on its boundary is kept from step to step
+    """
 
     dirichlet: Dirichlet
+    reaction: bool = False
 
     @property
     def mask(self) -> np.ndarray:
@@ -123,14 +127,12 @@ class ElasticSolidSetup(SolidSetup):
     alone.
 
     immersed : whether it is one of these; robin : of an interface on which α v_s is added to the
-    traction; driven : (n_local,) bool, nodes to which an interface tells their velocity; reaction :
-    whether the force on its boundary is kept from step to step
+    traction; driven : (n_local,) bool, nodes to which an interface tells their velocity
     """
 
     immersed: bool = False
     robin: InterfaceMass | None = None
     driven: np.ndarray | None = None
-    reaction: bool = False
 
     @cached_property
     def mask(self) -> np.ndarray:
@@ -262,6 +264,7 @@ class PoreFluidSetup(FluidSetup):
 
     fluxes : conditions of the volume balance on surfaces; stress_nodes : (n_local,) bool, nodes
     where the pressure and the total stress are prescribed and so the auxiliary field s is known;
+    reaction : whether what both balances leave on nodes is kept from step to step;
     free_surface : elements (F,) and terms (F, A, A) of the surfaces whose normal displacement is
     free while no pressure is prescribed, where s vanishes weakly; has_auxiliary : whether there is
     an s, with inertia in the corrected split
@@ -272,6 +275,7 @@ class PoreFluidSetup(FluidSetup):
     stress_nodes: np.ndarray
     free_surface: tuple[np.ndarray, np.ndarray]
     has_auxiliary: bool
+    reaction: bool = False
 
     @property
     def pressures(self) -> tuple[Prescribed, ...]:

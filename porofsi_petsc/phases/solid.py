@@ -18,6 +18,7 @@ from ..materials.elastic import ElasticLaw
 from ..tensors import det_minus_one
 from .block import LinearBlock
 from .coupling_data import Flow, MeshState, Rates
+from .kept_force import KeptForce
 from .loads import body_acceleration
 from .residual import Residual
 from .setup import SolidSetup
@@ -71,6 +72,7 @@ class SolidPhase:
         self._reference = Configuration.reference(self.domain, with_hessian)
         self._t_end = self._t_alpha = 0.0  # of the trial step and its collocation level [s]
         self.surfaces = SurfaceTerms(self.mesh.n_owned, self.mesh.dim, setup.surfaces)
+        self.kept = KeptForce(self.mesh.n_owned, self.mesh.dim)
         constraints = setup.dirichlet.constraints
         self.block = LinearBlock(setup, self.prefix, setup.mask, setup.new_solver, constraints)
 
@@ -226,6 +228,16 @@ class SolidPhase:
         terms |= {"body": self._body, "traction": self.surfaces.residual(self._surface_state)}
         self._residual = Residual(self.mesh.comm, terms, self.setup.dirichlet.free)
         return self._residual
+
+    @property
+    def force(self) -> np.ndarray:
+        """Return the force on what bounds the solid at the end of the accepted step, (n_owned, d)
+        [N], if it is kept: minus the residual without given tractions.
+
+        The force of a fluid is part of the residual; where the solid is held it is minus the
+        reaction.
+        """
+        return self.kept.end
 
     def _flow_terms(self, flow: Flow) -> dict[str, np.ndarray]:
         """Return what the fluid does to the solid, name -> (n_owned, d) [N]."""
@@ -477,6 +489,8 @@ class SolidPhase:
         self.surfaces.accept(State(self._t_end, self._u1, self._v1))
         self._accepted_configuration = configuration
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
+        if self.setup.reaction:
+            self.kept.accept(self.scheme, -self._residual.without("traction"))
 
     def reset(self) -> None:
         """Forget the trial state."""
@@ -486,11 +500,14 @@ class SolidPhase:
     def state(self) -> dict[str, np.ndarray]:
         """Return every array a restart needs, name -> (n_owned, d)."""
         n = self.mesh.n_owned
-        return {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]} | self._rule.state(n)
+        fields = {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]}
+        kept = self.kept.state() if self.setup.reaction else {}
+        return fields | kept | self._rule.state(n)
 
     def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs beside the arrays."""
-        return self._rule.memory() | {"surfaces": self.surfaces.memory()}
+        kept = self.kept.memory() if self.setup.reaction else {}
+        return self._rule.memory() | {"surfaces": self.surfaces.memory()} | kept
 
     def load_state(
         self, arrays: dict[str, np.ndarray], memory: dict[str, Any], rates: Rates
@@ -500,6 +517,8 @@ class SolidPhase:
         """
         self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
         self.surfaces.load(memory.get("surfaces", {}))
+        if self.setup.reaction:
+            self.kept.load(arrays, memory)
         self._accepted_configuration = None
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)

@@ -3,7 +3,7 @@ it.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,10 @@ from .setup import FreeFluidSetup, PhaseSetup
 class State(NamedTuple):
     """What a force is found from, at one time t.
 
-    residual (n_owned, d) [N] of `FluidPhase.boundary_force` or `SolidPhase.boundary_force`; u
-    (n_local, d) [m] of the mesh or the solid; of a fluid v, c = v - v_m (n_local, d), p (n_local,);
-    given : facets, nodes (F, Af), and vectors (F, Af, d) [N] of the conditions on surfaces
+    residual (n_owned, k) of `FreeFluid.force` or `SolidPhase.force` [N], of a porous medium the sum
+    of both phases, or `PoreFluid.outflow` [m³/s]; u (n_local, d) [m] of the mesh or the solid; of a
+    fluid v, c = v - v_m (n_local, d), p (n_local,);
+    given : facets, nodes (F, Af), and vectors (F, Af, k) of the conditions on surfaces
     """
 
     residual: np.ndarray
@@ -43,6 +44,10 @@ class SurfaceForce:
     and a stress that the elements can represent is split exactly.  A phase says what its stress is.
     """
 
+    @property
+    def _components(self):
+        return self._domain.dim
+
     def __init__(self, setup: PhaseSetup, surfaces: Sequence[np.ndarray]) -> None:
         """Take the `PhaseSetup` and the facets of the surfaces, each (F, Af) nodes."""
         self._setup = setup
@@ -52,9 +57,9 @@ class SurfaceForce:
         self._find_rim(surfaces)
 
     @classmethod
-    def on(cls, setup: PhaseSetup, tags: Iterable[str]) -> "SurfaceForce":
-        """Return that on tagged surfaces."""
-        return cls(setup, [setup.domain.mesh.facets[tag].nodes for tag in tags])
+    def on(cls, setup: PhaseSetup, tags: Iterable[str], *more: Any) -> Any:
+        """Return that on tagged surfaces; more : what else the class takes."""
+        return cls(setup, [setup.domain.mesh.facets[tag].nodes for tag in tags], *more)
 
     def _find_rim(self, surfaces):
         """Set the nodes that other boundaries share, and the facets around them.
@@ -93,11 +98,11 @@ class SurfaceForce:
         return marked
 
     def _prescribed(self):
-        """Return on which facets of the elements the field is prescribed, (E, facets, d) bool.
+        """Return on which facets of the elements the field is prescribed, (E, facets, k) bool.
 
         On the rest of the boundary the traction is given, or zero.
         """
-        shape = self._domain.n_cells, len(self._domain.element.facets), self._domain.dim
+        shape = self._domain.n_cells, len(self._domain.element.facets), self._components
         held = np.zeros(shape, dtype=bool)
         for condition in self._essential.conditions:
             facets = self._domain.mesh.facets[condition.given.tag].nodes
@@ -105,7 +110,7 @@ class SurfaceForce:
         return held
 
     def on_rank(self, state: State) -> np.ndarray:
-        """Return the sum over the nodes of this rank, (d,) [N]."""
+        """Return the sum over the nodes of this rank, (k,) [N]."""
         force = state.residual[self._nodes]
         if len(self._rim):
             force[np.searchsorted(self._nodes, self._rim)] = self._split(state)
@@ -119,7 +124,7 @@ class SurfaceForce:
         return others
 
     def _split(self, state):
-        """Return the part of the surface in the residual on the rim, (R, d) [N]."""
+        """Return the part of the surface in the residual on the rim, (R, k) [N]."""
         held = self._held[self._rows, self._local][:, None]
         tractions = np.where(held, self._tractions(state), 0.0)
         areas = np.where(held, self._areas(state)[:, None, None], np.zeros_like(tractions))
@@ -134,16 +139,16 @@ class SurfaceForce:
         return parts[0] + fraction * (state.residual[self._rim] - sum(parts))
 
     def _on_rim(self, nodes, values):
-        """Return the sums on the rim, (R, d), of values (F, Af, d) at nodes (F, Af)."""
+        """Return the sums on the rim, (R, k), of values (F, Af, k) at nodes (F, Af)."""
         here = np.isin(nodes, self._rim)
         sums = np.zeros((len(self._rim), values.shape[2]))
         np.add.at(sums, np.searchsorted(self._rim, nodes[here]), values[here])
         return sums
 
     def _tractions(self, state):
-        """Return -∮ N_a σn dA of the stress in the elements behind the facets, (F, Af, d) [N]."""
+        """Return -∮ N_a σn dA of the stress in the elements behind the facets, (F, Af, k) [N]."""
         domain = self._domain
-        parts = np.empty((*self._facets.shape, self._domain.dim))
+        parts = np.empty((*self._facets.shape, self._components))
         region = np.empty(domain.n_cells, dtype=int)
         for i, span in enumerate(domain.region_slices.values()):
             region[span] = i
@@ -151,22 +156,27 @@ class SurfaceForce:
             for number, nodes in enumerate(domain.element.facets):
                 here = np.flatnonzero((self._local == number) & (region[self._rows] == i))
                 rows = self._rows[here]
-                surface = trace(domain.element, nodes, domain.gather(self._positions(state), rows))
-                loads = self._loads_of_stress(surface, self._setup.materials[name], state, rows)
+                loads = self._loads_of_stress(nodes, self._setup.materials[name], state, rows)
                 parts[here] = -loads[:, list(nodes)]
         return parts
+
+    def _trace(self, nodes, positions, rows):
+        """Return N, G and normals of `fem.boundary.trace` on the facet of elements with the given
+        local nodes.
+        """
+        return trace(self._domain.element, nodes, self._domain.gather(positions, rows))
 
     def _areas(self, state):
         """Return the areas of the facets, (F,) [m^(d-1)]."""
         return facet_areas(self._domain.element, self._positions(state)[self._facets])
 
     def _subtract_loads(self, state, parts):
-        """Subtract the given tractions from the parts, own and others, (R, d) each, in place."""
+        """Subtract the given tractions from the parts, own and others, (R, k) each, in place."""
         for nodes, vectors in state.given:
             self._add_where_free(parts, nodes, vectors)
 
     def _add_where_free(self, parts, nodes, vectors):
-        """Add vectors (F, Af, d) on facets, nodes (F, Af), to their part where nothing is
+        """Add vectors (F, Af, k) on facets, nodes (F, Af), to their part where nothing is
         prescribed.
         """
         found, rows, local = self._located(nodes)
@@ -200,7 +210,8 @@ class FluidForce(SurfaceForce):
     def _positions(self, state):
         return self._domain.mesh.X + state.u
 
-    def _loads_of_stress(self, surface, material, state, rows):
+    def _loads_of_stress(self, nodes, material, state, rows):
+        surface = self._trace(nodes, self._positions(state), rows)
         v = self._domain.gather(state.v, rows)
         p = self._domain.gather(state.p, rows)
         return traction_load(*surface, v, p, material.viscosity)
@@ -220,8 +231,8 @@ class SolidForce(SurfaceForce):
     def _positions(self, state):
         return self._domain.mesh.X
 
-    def _loads_of_stress(self, surface, material, state, rows):
-        N, G, _ = surface
+    def _loads_of_stress(self, nodes, material, state, rows):
+        surface = N, G, _ = self._trace(nodes, self._domain.mesh.X, rows)
         hoop = None
         if self._domain.element.axisymmetric:
             r = self._domain.mesh.X[self._domain.cells[rows], 0] @ N.T

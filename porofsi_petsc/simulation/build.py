@@ -23,7 +23,7 @@ from .fall_back import tried_by_itself
 from .interface import InterfaceBuilder
 from .locking import require_no_locking
 from .porous import PorousBuilder
-from .sides import check_sides
+from .sides import check_sides, check_surfaces
 from .start import put_at_start
 from .supports import require_supports
 
@@ -71,6 +71,7 @@ def serial_mesh(scene: Scene) -> Mesh:
     check_axis(scene, on_axis, where)
     if not scene.is_porous:
         check_sides(scene, mesh, kinds, where)
+    check_surfaces(scene, mesh, kinds, where)
     require_supports(scene, mesh, kinds, where)
     require_no_locking(scene, mesh, where)
     return mesh

@@ -1,25 +1,38 @@
-"""The forces that a scene asks for: of the fluid on its surfaces, of the solid where no fluid is
-behind them.
+"""The forces on surfaces of a scene: of a fluid, of a solid where no fluid is behind them, or of a
+porous medium.
 """
+
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 
 from ..conditions import State as OnSurfaces
-from ..config import Scene
 from ..coupling.interface import InterfaceMedium
 from ..fem.boundary import has_facets
 from ..phases.surface_force import FluidForce, SolidForce, State
+from ..phases.surface_porous import MixtureForce, SeepageFlow
 
 
-class Forces:
-    """The forces on the surfaces of a scene with free fluids and solids."""
+class Forces(Protocol):
+    """The forces on some surfaces."""
 
-    def __init__(self, scene: Scene, coupling: InterfaceMedium) -> None:
-        """Find the surfaces (collective)."""
+    def at(self, t: float) -> np.ndarray:
+        """Return the forces of this rank at the present time t, (surfaces, d) [N] (collective).
+
+        They are zero before the first step, which leaves no residual to be split.
+        """
+
+
+class InterfaceForces:
+    """Those of a scene with free fluids and solids."""
+
+    def __init__(self, coupling: InterfaceMedium, surfaces: Sequence[Sequence[str]]) -> None:
+        """Find the surfaces, each some tags (collective)."""
         self._coupling = coupling
         self._comm = coupling.solid.mesh.comm
-        self._surfaces = [self._surface(force.on) for force in scene.force]
+        self._surfaces = [self._surface(tags) for tags in surfaces]
         self._interface = FluidForce.on_interface(coupling.fluid.setup)
 
     def _surface(self, tags):
@@ -29,15 +42,14 @@ class Forces:
             return FluidForce.on(fluid.setup, tags)
         return SolidForce.on(solid.setup, tags)
 
-    def at(self, t: float) -> list[float]:
-        """Return the forces at the present time t, component by component (collective).
-
-        They are zero before the first step, which leaves no residual to be split.
-        """
+    def at(self, t: float) -> np.ndarray:
+        """Return the forces; see `Forces.at`."""
         flow = self._flow(t)
         states = {FluidForce: flow, SolidForce: self._solid(t, flow)}
-        mine = np.array([surface.on_rank(states[type(surface)]) for surface in self._surfaces])
-        return (self._comm.allreduce(mine.ravel()) * self._are_known()).tolist()
+        known = self._are_known()
+        return known * np.array(
+            [surface.on_rank(states[type(surface)]) for surface in self._surfaces]
+        )
 
     def _are_known(self):
         mine = self._coupling.solid.force.any() or self._coupling.fluid.force.any()
@@ -59,3 +71,65 @@ class Forces:
         others = self._coupling.to_solid(self._interface.of_others(flow))
         given = solid.surfaces.given(OnSurfaces(t, solid.u, solid.v))
         return State(solid.force - others, t, solid.u, given=given)
+
+
+class PorousForces:
+    """Those of porous media: of skeleton and pore fluid together."""
+
+    def __init__(self, coupling: Any, surfaces: Sequence[Sequence[str]]) -> None:
+        """Take the coupling, a `Medium` or one with "auto" terms, and the surfaces, each some
+        tags.
+        """
+        self._coupling = coupling
+        no_slip = coupling.fluid.setup.no_slip
+        self._surfaces = [MixtureForce.on(coupling.solid.setup, tags, no_slip) for tags in surfaces]
+
+    def at(self, t: float) -> np.ndarray:
+        """Return the forces; see `Forces.at`."""
+        solid = self._coupling.solid
+        fluid = self._coupling.fluid
+        state = porous_state(self._coupling, solid.force + fluid.force, t)
+        given = solid.surfaces.given(OnSurfaces(t, solid.u, solid.v))
+        if not self._are_known(state.residual):
+            return np.zeros((len(self._surfaces), solid.mesh.dim))
+        state = state._replace(given=given)
+        return np.array([surface.on_rank(state) for surface in self._surfaces])
+
+    def _are_known(self, residual):
+        comm = self._coupling.solid.mesh.comm
+        return comm.allreduce(bool(residual.any()), MPI.LOR)
+
+
+class PorousFlows:
+    """The volume rates at which pore fluid leaves through surfaces of porous media."""
+
+    def __init__(self, coupling: Any, surfaces: Sequence[Sequence[str]]) -> None:
+        """Take the coupling, a `Medium` or one with "auto" terms, and the surfaces, each some
+        tags.
+        """
+        self._coupling = coupling
+        self._surfaces = [SeepageFlow.on(coupling.fluid.setup, tags) for tags in surfaces]
+
+    def at(self, t: float, collocated: bool = False) -> np.ndarray:
+        """Return the rates of this rank at the present time t, (surfaces,) [m³/s], zero before the
+        first step; collocated : those at which the volume balance of the last step holds
+        (collective).
+        """
+        fluid = self._coupling.fluid
+        solid = self._coupling.solid
+        outflow = fluid.collocated_outflow if collocated else fluid.outflow
+        known = solid.mesh.comm.allreduce(bool(outflow.any()), MPI.LOR)
+        given = fluid.fluxes.given(OnSurfaces(t, solid.u, fluid.v))
+        if not known:
+            return np.zeros(len(self._surfaces))
+        state = porous_state(self._coupling, outflow, t)._replace(given=given)
+        return np.array([surface.on_rank(state)[0] for surface in self._surfaces])
+
+
+def porous_state(coupling: Any, residual: np.ndarray, t: float) -> State:
+    """Return what a residual on the nodes of a porous medium is split by, c relative to the
+    skeleton.
+    """
+    solid = coupling.solid
+    fluid = coupling.fluid
+    return State(residual, t, solid.u, fluid.v, fluid.v - solid.v, fluid.p)

@@ -52,9 +52,14 @@ CLOCK = {
     "halvings?": COUNT,
     "fall_backs?": {"*": COUNT},
 }
-PHASE = {"rates?": [SIZE], "built_with?": COUNT, "surfaces?": {"*": {"*": ANY}}}
+PHASE = {
+    "rates?": [SIZE],
+    "built_with?": COUNT,
+    "surfaces?": {"*": {"*": ANY}},
+    "force_age?": SIZE,
+}
 COUPLING = {
-    "solid": PHASE | {"force_age?": SIZE},
+    "solid": PHASE,
     "fluid": PHASE | {"pressure_age?": SIZE},
     "iterations": COUNT,
     "failed?": COUNT,
@@ -88,6 +93,7 @@ HEADER = {
     "coupling": COUPLING,
     "energy": {field.name: NUMBER for field in fields(Energy)},
     "measures": MEASURES,
+    "quantities?": {"volumes?": [[NUMBER]]},
     "iterations": [COUNT],
     "step_control?": CONTROL,
 }

@@ -214,7 +214,11 @@ class InterfaceBuilder(Builder):
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             reaction=not all(
-                [has_facets(self._fluid_domain, force.on) for force in self.scene.force]
+                [
+                    has_facets(self._fluid_domain, surface.on)
+                    for surface in self.scene.surfaces
+                    if "force" in surface.quantities
+                ]
             ),
             **self.common(domain, self._solids, "solid", "plain"),
         )

@@ -157,6 +157,16 @@ class Measures:
         That of the displacement gradient which each element has at the node, averaged over the
         elements there: of the order of the gradient, at a boundary too.
         """
+        return self._averaged(u, _cauchy)
+
+    def strain(self, u: np.ndarray) -> np.ndarray:
+        """Return the strain at the nodes, (n_owned, 6) [-], in the order of `stress` and averaged
+        as it is: Green's, of a law for small strain the symmetric displacement gradient.
+        """
+        return self._averaged(u, _strain)
+
+    def _averaged(self, u, tensor):
+        """Return the averages, (n_owned, 6), of tensor(law, H) -> (..., 3, 3) at nodes."""
         domain = self._solid
         values = np.empty((*domain.cells.shape, 6))
         for region, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
@@ -164,17 +174,9 @@ class Measures:
             H = _three_dimensional(
                 displacement_gradient(nodes.G, domain.gather(u, chunk), nodes.hoop)
             )
-            law = self._materials[region].elastic
-            assert law is not None  # a solid has one
-            P = law.stress(H)
-            F = deformation(H)
-            cauchy = (
-                P
-                if law.small_strain
-                else (P @ transpose(F)) / (1 + det_minus_one(H))[..., None, None]
-            )
+            found = tensor(self._materials[region].elastic, H)
             pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-            values[chunk] = np.stack([cauchy[..., i, j] for i, j in pairs], axis=-1)
+            values[chunk] = np.stack([found[..., i, j] for i, j in pairs], axis=-1)
         return self._in_solid(values)
 
     def _at_nodes(self, chunk):
@@ -422,6 +424,19 @@ class Measures:
                         axis=1, initial=0.0
                     )
         return self._maximum(ratio)
+
+
+def _cauchy(law, H):
+    """Return the Cauchy stress of a law, (..., 3, 3) [Pa], for displacement gradients H."""
+    P = law.stress(H)
+    if law.small_strain:
+        return P
+    return (P @ transpose(deformation(H))) / (1 + det_minus_one(H))[..., None, None]
+
+
+def _strain(law, H):
+    """Return the strain that a law sees, (..., 3, 3), for displacement gradients H."""
+    return 0.5 * (H + transpose(H)) if law.small_strain else green_strain(H)
 
 
 def _three_dimensional(H):

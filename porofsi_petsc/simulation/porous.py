@@ -59,6 +59,7 @@ class PorousBuilder(Builder):
             surfaces=surfaces,
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,
+            reaction=self._is_kept,
             **self._common("solid"),
         )
 
@@ -84,9 +85,16 @@ class PorousBuilder(Builder):
             free_surface=weak_zero_on(self.domain, [tag for tag in loaded if tag not in drained]),
             has_auxiliary=inertia and self._split == "corrected",
             undrained=scene.stabilization.undrained,
+            reaction=self._is_kept,
             **self.of_fluid(),
             **self._common("fluid"),
         )
+
+    @property
+    def _is_kept(self):
+        """Return whether a surface wants what the balances leave on its nodes."""
+        asked = {name for surface in self.scene.surfaces for name in surface.quantities}
+        return bool(asked & {"force", "skeleton_force", "flow_rate", "volume"})
 
     def _common(self, body):
         return self.common(self.domain, self.materials, body, self._split)

@@ -64,10 +64,10 @@ def resume(
 
 
 def _require_forces(path, arrays, state):
-    """Raise InputError where forces of the solid are asked for that the run before did not keep."""
+    """Raise InputError where forces or flows are asked for that the run before did not keep."""
     if "solid.force" in state and "solid.force" not in arrays:
-        text = "received a [[force]] on the solid, which the run of the checkpoint had not"
-        raise InputError(f"{path}: {text}, expected one on the fluid; leave it out, or start anew")
+        text = "received a [[force]] or a [[surface]] that the run of the checkpoint had not"
+        raise InputError(f"{path}: {text}, expected its own; leave it out, or start anew")
 
 
 def _require_arrays(arrays, state):

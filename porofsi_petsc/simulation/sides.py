@@ -16,15 +16,18 @@ from ..mesh.interface import INTERFACE
 from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_multiplicity, locate_facets
 from ..output.probes import Probes
+from ..quantities import OF_STRESS, SURFACES
+from .auto import AnyMedium
 
 # a point this near to the fluid, in elements, is on the interface: far above the round-off of its
 # coordinates
 WET = 1e-6
 OF_SOLIDS = ("normal_displacement", "equal_displacement")
+MEANS = {"porous": "porous medium", "solid": "solid", "fluid": "fluid"}
 
 
 def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Path) -> None:
-    """Raise InputError where a boundary or a force asks for what its surface has not.
+    """Raise InputError where a boundary asks for what its surface has not.
 
     kinds : region -> "solid", "fluid" or "porous", a solid that a free fluid flows through
     """
@@ -63,7 +66,6 @@ def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Pa
                             " the two"
                         )
                 taken[tag, quantity] = i
-    _check_forces(scene, mesh, sides, where)
 
 
 def _sides_of_interfaces(scene):
@@ -164,27 +166,63 @@ def _excluded(quantity, phases):
     return {quantity}.union(*(excluded_by(quantity, kind) for kind in phases - {"interface"}))
 
 
-def _check_forces(scene, mesh, sides, where):
-    """Raise InputError where the surfaces of a force are on two phases, or feel what is not
-    theirs.
+def check_surfaces(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Path) -> None:
+    """Raise InputError where a [[force]] or [[surface]] is on two phases, inside of one, or
+    asks for what is not theirs.
+
+    kinds : region -> "solid", "fluid" or "porous"
     """
+    outside = facet_multiplicity(mesh.cells, mesh.element) == 1
     of_solid = {tag for pair in scene.interface for tag in pair.solid}
-    for i, force in enumerate(scene.force):
-        place = f"{where} [force.{i}.on]"
-        require_tags(mesh, force.on, place)
-        for tag in force.on:
+    for key, entry in scene.named_surfaces:
+        place = f"{where} [{key}.on]"
+        require_tags(mesh, entry.on, place)
+        sides = {tag: _phases(mesh, mesh.facets[tag], kinds) for tag in entry.on}
+        for tag in entry.on:
             if tag in of_solid:
                 text = (
                     "is on the solid's side of an interface, expected the fluid's, whose force"
                     " it is"
                 )
                 raise InputError(f"{place}: tag '{tag}' {text}")
-        dry = [tag for tag in force.on if sides[tag] == {"solid"}]
-        if 0 < len(dry) < len(force.on):
-            wet = next(tag for tag in force.on if tag not in dry)
+            _require_outside(mesh, tag, sides[tag], outside, place)
+        dry = [tag for tag in entry.on if sides[tag] == {"solid"}]
+        if 0 < len(dry) < len(entry.on):
+            wet = next(tag for tag in entry.on if tag not in dry)
             text = f"received '{dry[0]}' on the solid and '{wet}' on the fluid"
+            table = key.partition(".")[0]
             raise InputError(
-                f"{place}: {text}, expected surfaces of one of them; give each a [[force]]"
+                f"{place}: {text}, expected surfaces of one of them; give each a [[{table}]]"
+            )
+        _require_quantities(scene, entry, set().union(*sides.values()), f"{where} [{key}")
+
+
+def _require_outside(mesh, tag, phases, outside, place):
+    """Raise InputError where a tag is inside of a phase: what one side of it feels, the other gives
+    back.
+    """
+    inside = ~outside[locate_facets(mesh.facets[tag], mesh.cells, mesh.element)]
+    if inside.any() and "interface" not in phases:
+        raise InputError(
+            f"{place}: tag '{tag}' lies inside of the mesh, expected its boundary or that between"
+            " fluid and solid"
+        )
+
+
+def _require_quantities(scene, entry, phases, place):
+    """Raise InputError where what is behind a surface has not what is asked for."""
+    kind = "porous" if scene.is_porous else "solid" if phases == {"solid"} else "fluid"
+    for name in entry.quantities:
+        if kind not in SURFACES[name].behind:
+            fitting = [q for q in SURFACES if kind in SURFACES[q].behind]
+            raise InputError(
+                f"{place}.quantities]: received '{name}' on '{entry.on[0]}', behind which is the"
+                f" {MEANS[kind]}, expected one of {', '.join(fitting)}"
+            )
+        if name in ("flow_rate", "volume") and {"interface", "porous"} <= phases:
+            raise InputError(
+                f"{place}.quantities]: received '{name}' between fluid and porous solid, expected"
+                " surfaces of the boundary"
             )
 
 
@@ -196,17 +234,32 @@ def probes_in(scene: Scene, domain: Domain) -> Probes:
     return Probes(domain.mesh, points, preferred=domain.row_of_cell >= 0)
 
 
-def check_probes(scene: Scene, probes: Probes, fluid: Domain) -> None:
-    """Raise InputError where a probe of the flow is not in the fluid; fluid : the fluid's
-    `fem.Domain` (collective).
+def is_of_flow(quantity: str) -> bool:
+    """Return whether a quantity of a probe is one of the flow."""
+    return quantity == "p" or quantity.startswith("vf_")
+
+
+def is_of_stress(quantity: str) -> bool:
+    """Return whether a quantity of a probe is one of the stress or strain of the solid."""
+    return quantity in OF_STRESS
+
+
+def check_probes(scene: Scene, coupling: AnyMedium, in_solid: Probes, in_fluid: Probes) -> None:
+    """Raise InputError where a probe of the flow is not in the fluid, or one of the stress not in
+    the solid (collective).
     """
-    wet = probes.evaluate(fluid.holds[:, None].astype(float))[:, 0]
+    _require_inside(scene, in_fluid, coupling.fluid.domain, is_of_flow, "fluid", "solid")
+    _require_inside(scene, in_solid, coupling.solid.domain, is_of_stress, "solid", "fluid")
+
+
+def _require_inside(scene, probes, domain, concerns, phase, other):
+    inside = probes.evaluate(domain.holds[:, None].astype(float))[:, 0]
     for i, probe in enumerate(scene.probe):
-        dry = [name for name in probe.quantities if name == "p" or name.startswith("vf_")]
-        if dry and wet[i] < 1 - WET:
+        asked = [name for name in probe.quantities if concerns(name)]
+        if asked and inside[i] < 1 - WET:
             place = ", ".join(digits(c) for c in probe.at)
             text = (
-                f"received {dry[0]} at ({place}) m in the solid, expected a point of the fluid;"
-                " move the probe or leave it out"
+                f"received {asked[0]} at ({place}) m in the {other}, expected a point of the"
+                f" {phase}; move the probe or leave it out"
             )
             raise InputError(f"{scene.source_path or 'scene'} [probe.{i}]: {text}")

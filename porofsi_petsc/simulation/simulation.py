@@ -44,7 +44,7 @@ class Simulation:
 
     scene : the `Scene`; comm : its ranks; coupling, loop, energy, measures, stopwatch : the parts
     of the solution;
-    fields : the nodal `Fields` of the accepted state;
+    fields : the nodal `Fields` of the accepted state; quantities : what the history records;
     callbacks : functions of the simulation that are called in turn after every accepted step; a
     true value ends `run`.
     """
@@ -77,12 +77,12 @@ class Simulation:
             mesh = mesh or local_mesh(scene, self.comm)
             self.coupling = build_coupling(scene, mesh, self.stopwatch)
             self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
-            self._quantities = Quantities(scene, self.coupling, self.measures)
+            self.quantities = Quantities(scene, self.coupling, self.measures)
         self.energy = Energy()
         self.energy.start(*self.coupling.energies())
         self.loop = TimeLoop(scene, self.coupling, self.energy, self.measures, self._call_back)
         self.fields = Fields(scene, self.coupling, self.measures)
-        self._rows = [(0.0, *self._quantities.values(0.0), 0)]
+        self._rows = [(0.0, *self.quantities.values(0.0), 0)]
 
     @classmethod
     def from_scene(
@@ -168,10 +168,9 @@ class Simulation:
 
     def _call_back(self):
         clock = self.loop.clock
+        self.quantities.advance(clock.t)
         if clock.step % self.scene.output.history_every == 0 or clock.finished:
-            self._rows.append(
-                (clock.t, *self._quantities.values(clock.t), self.loop.iterations[-1])
-            )
+            self._rows.append((clock.t, *self.quantities.values(clock.t), self.loop.iterations[-1]))
         called = [*self.callbacks, *self._of_run]
         if called:
             ends = [bool(callback(self)) for callback in called]  # all of them are called
@@ -241,8 +240,9 @@ class Simulation:
         """
         text = scene_to_toml(self.scene)
         resume(path, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
+        self.quantities.load(header.get("quantities") or {})
         iterations = self.loop.iterations[-1] if self.loop.iterations else 0
-        self._rows = [(self.time, *self._quantities.values(self.time), iterations)]
+        self._rows = [(self.time, *self.quantities.values(self.time), iterations)]
 
     def close(self) -> None:
         """Free what PETSc holds of the solvers; the fields stay, no step can be made."""
