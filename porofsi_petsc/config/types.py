@@ -189,7 +189,7 @@ Tags = Annotated[
 ]
 Axes = Annotated[
     tuple[Literal["x", "y", "z"], ...],
-    ListOf(shortest=1),
+    ListOf(),
     BeforeValidator(_one_or_many),
     AfterValidator(distinct),
 ]
