@@ -160,7 +160,7 @@ WRONG = [
         "override 'probe.3.name': received '3' below the list probe, expected an index below 1",
     ),
     ("probe.first=1", "received 'first' below the list probe"),
-    ("tiem.end=1", "[tiem]: unknown key 'tiem'; did you mean 'time'?"),
+    ("timee.end=1", "[timee]: unknown key 'timee'; did you mean 'time'?"),
     ("time.edn=1", "[time.edn]: unknown key 'edn'; did you mean 'end'?"),
     ("material.0.solid.lam=1", "[material.0.solid.lam]: unknown key 'lam'; did you mean 'lambda'?"),
     ("model=3", "[model]: received 3, expected a table"),
