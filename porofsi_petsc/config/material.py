@@ -120,11 +120,14 @@ class Solid(OfLaw):
 
 
 class Fluid(Table):
-    """The pore fluid: rho_fR [kg/m^3], specific weight gamma_fR [N/m^3], viscosity mu_f [Pa s]."""
+    """The pore fluid: rho_fR [kg/m^3], specific weight gamma_fR [N/m^3], viscosity mu_f [Pa s],
+    bulk modulus K_f [Pa].
+    """
 
     density: Positive
     specific_weight: Positive | None = None
     viscosity: Positive | None = None
+    bulk_modulus: Positive | None = None
 
 
 Direction = Annotated[tuple[Number, ...], ListOf(3, 3)]
@@ -206,6 +209,7 @@ class Material(Table):
     solid: Annotated[Solid | None, ByLaw(Solid, ELASTIC)] = None
     fluid: Fluid | None = None
     permeability: Annotated[Permeability | None, ByLaw(Permeability, PERMEABILITY)] = None
+    biot_coefficient: Annotated[Number, Field(gt=0, le=1)] = 1.0
 
     @property
     def kind(self) -> Literal["porous", "solid", "fluid"]:
@@ -249,6 +253,28 @@ class Material(Table):
                 f"received '{self.solid.law}', a law of soils, for a solid without pores; choose"
                 " another",
                 "solid.law",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _constituents_agree(self):
+        if self.kind != "porous":
+            if self.biot_coefficient != 1.0:
+                raise wrong(
+                    f"received one with a {self.kind} alone, expected solid and fluid; leave it"
+                    " out",
+                    "biot_coefficient",
+                )
+            if self.fluid and self.fluid.bulk_modulus:
+                raise wrong(
+                    "received one with a free fluid, which is incompressible; leave it out",
+                    "fluid.bulk_modulus",
+                )
+        elif self.biot_coefficient <= self.porosity:
+            raise wrong(
+                f"received {self.biot_coefficient:g}, expected more than the porosity"
+                f" {self.porosity:g}",
+                "biot_coefficient",
             )
         return self
 

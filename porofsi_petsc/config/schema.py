@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ..conditions import CONDITIONS
-from ..errors import digits, shown
+from ..errors import digits, listed, shown
 from ..materials import ELASTIC, PERMEABILITY
 from ..quantities import OF_STRESS, SURFACES
 from .conditions import (
@@ -50,6 +50,10 @@ from .types import ListOf, Table, Text, closest, wrong
 def _toml(value: bool | str) -> str:
     """Return a switch of [model] as it is written in a scene."""
     return shown(value)
+
+
+# Exact solutions whose constituents may be compressible.
+COMPRESSIBLE = ("terzaghi", "mandel", "cryer")
 
 
 class Scene(Table):
@@ -369,6 +373,14 @@ class Scene(Table):
             text = "with a porous material beside a free fluid, expected 'quasi_direct' or 'direct'"
             raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
         for i, material in enumerate(self.material):
+            if material.biot_coefficient != 1.0 or (
+                material.kind == "porous" and material.fluid.bulk_modulus
+            ):
+                raise wrong(
+                    "received compressible constituents beside a free fluid, expected"
+                    " incompressible ones; leave biot_coefficient and bulk_modulus out",
+                    f"material.{i}",
+                )
             if material.kind == "porous" and material.permeability.law != "constant":
                 text = (
                     f"received '{material.permeability.law}' beside a free fluid, expected"
@@ -555,6 +567,14 @@ class Scene(Table):
             raise wrong(
                 f"received '{self.reference.solution}' with material.permeability.anisotropy,"
                 " expected an isotropic permeability; leave one of the two out",
+                "reference.solution",
+            )
+        material = self.material[0]
+        stores = material.biot_coefficient != 1.0 or material.fluid.bulk_modulus
+        if stores and self.reference.solution not in COMPRESSIBLE:
+            raise wrong(
+                f"received '{self.reference.solution}' with compressible constituents, expected"
+                f" {listed(COMPRESSIBLE)} or incompressible ones",
                 "reference.solution",
             )
         laws = self.material[0].solid.law, self.material[0].permeability.law

@@ -233,7 +233,9 @@ class Medium:
     def energies(self) -> tuple[float, float]:
         """Return kinetic and elastic energy of the accepted state [J] (collective)."""
         kinetic, elastic = self.solid.energies()
-        return kinetic + self.fluid.kinetic_energy(self.accepted_mesh_state()), elastic
+        mesh_state = self.accepted_mesh_state()
+        kinetic += self.fluid.kinetic_energy(mesh_state)
+        return kinetic, elastic + self.fluid.stored_energy(mesh_state)
 
     def state(self) -> Arrays:
         """Return the arrays a restart needs, name -> (n_owned, ...)."""

@@ -34,17 +34,30 @@ class _Layer:
         return np.sin(angle) @ (2 / M * decay), np.cos(angle) @ (2 / M**2 * decay)
 
 
+@dataclass(frozen=True)
 class Terzaghi(_Layer):
-    """Terzaghi (1923): p = q A, w = (q H/E_c) (1 - z/H - B)."""
+    """Terzaghi (1923): p = γ q A, w = (q H/E_c) (1 - z/H - α γ B).
+
+    α, storage S [1/Pa] and γ = α/(α² + S E_c), 1 of incompressible constituents (Biot 1941).
+    """
+
+    biot: float = 1.0
+    storage: float = 0.0
+
+    @property
+    def efficiency(self) -> float:
+        """Return γ, the pressure at 0+ over the load."""
+        return self.biot / (self.biot**2 + self.storage * self.modulus)
 
     def pressure(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return p at depths z [m], any shape, and time t [s]: [Pa]."""
-        return on_distinct(lambda z: self.load * self._sums(z, t)[0], z)
+        return on_distinct(lambda z: self.efficiency * self.load * self._sums(z, t)[0], z)
 
     def settlement(self, z: ArrayLike, t: float) -> np.ndarray:
         """Return the settlement w at depths z [m], any shape, and time t [s]: [m]."""
         scale = self.load * self.height / self.modulus
-        return on_distinct(lambda z: scale * (1 - z / self.height - self._sums(z, t)[1]), z)
+        part = self.biot * self.efficiency
+        return on_distinct(lambda z: scale * (1 - z / self.height - part * self._sums(z, t)[1]), z)
 
 
 class XieLeo(_Layer):

@@ -1,7 +1,8 @@
 """Mandel's problem: a saturated slab between two rigid smooth plates, squeezed by a sudden force,
 drained at its two sides.
 
-Incompressible constituents (ν_u = 1/2, B = 1); Mandel (1953), Cheng & Detournay (1988).  x [m] is
+Mandel (1953), with compressible constituents Cheng & Detournay (1988); ν_u = 1/2 and Skempton's B =
+1 of incompressible ones.  x [m] is
 measured from the middle of the slab of width 2a, y from its middle plane; the force is 2F per depth
 [N/m].
 """
@@ -19,25 +20,49 @@ MODES = 2000  # enough down to the smallest dimensionless time of the sums
 
 @dataclass(frozen=True)
 class Mandel:
-    """force F [N/m], half width a [m], λ and μ [Pa], diffusivity c_v = k_f (λ + 2μ)/γ_fR [m²/s]."""
+    """force F [N/m], half width a [m], λ and μ [Pa], diffusivity c_v = (k_f/γ_fR)/(S + α²/E_c)
+    [m²/s], α and storage S [1/Pa].
+    """
 
     force: float
     half_width: float
     lam: float
     mu: float
     diffusivity: float
+    biot: float = 1.0
+    storage: float = 0.0
 
     @property
     def poisson(self) -> float:
         """Return ν."""
         return self.lam / (2 * (self.lam + self.mu))
 
+    @property
+    def _bulk(self) -> tuple[float, float, float]:
+        """Return K, B and ν_u: B = α/(α² + S K), K_u = K/(1 - α B)."""
+        K = self.lam + 2 / 3 * self.mu
+        B = self.biot / (self.biot**2 + self.storage * K)
+        softness = 1 - self.biot * B  # K/K_u
+        undrained = (3 * K - 2 * self.mu * softness) / (2 * (3 * K + self.mu * softness))
+        return K, B, undrained
+
+    @property
+    def undrained_poisson(self) -> float:
+        """Return ν_u."""
+        return self._bulk[2]
+
+    @property
+    def initial_pressure(self) -> float:
+        """Return p(x, 0+) = F B (1 + ν_u)/(3 a) [Pa]."""
+        _, B, undrained = self._bulk
+        return self.force * B * (1 + undrained) / (3 * self.half_width)
+
     @cached_property
     def roots(self) -> np.ndarray:
-        """Return a_n with tan a_n = 2 (1 - ν)/(1 - 2ν) a_n, one below every odd multiple of π/2,
+        """Return a_n with tan a_n = (1 - ν)/(ν_u - ν) a_n, one below every odd multiple of π/2,
         (MODES,).
         """
-        ratio = 2 * (1 - self.poisson) / (1 - 2 * self.poisson)
+        ratio = (1 - self.poisson) / (self.undrained_poisson - self.poisson)
 
         def equation(a: float) -> float:
             return np.sin(a) - ratio * a * np.cos(a)
@@ -63,21 +88,22 @@ class Mandel:
         return a, np.exp(-(a**2) * T), a - np.sin(a) * np.cos(a)
 
     def pressure(self, x: ArrayLike, t: float) -> np.ndarray:
-        """Return p = (F/a) Σ sin a_n/(a_n - sin a_n cos a_n) (cos(a_n x/a) - cos a_n) e^(-a_n² T)
-        [Pa]; p(x, 0+) = F/2a.
+        """Return p = 2 p(0+) Σ sin a_n/(a_n - sin a_n cos a_n) (cos(a_n x/a) - cos a_n) e^(-a_n² T)
+        [Pa].
         """
         a, decay, denominator = self._decay(t)
-        factors = self.force / self.half_width * np.sin(a) / denominator * decay
+        factors = 2 * self.initial_pressure * np.sin(a) / denominator * decay
         return on_distinct(
             lambda x: (np.cos(np.multiply.outer(x / self.half_width, a)) - np.cos(a)) @ factors, x
         )
 
     def displacement_x(self, x: ArrayLike, t: float) -> np.ndarray:
-        """Return u_x = (F/G) {[ν/2 - ½ Σ sin a cos a/(a - sin a cos a) e] x/a + Σ cos a/(a - sin a
-        cos a) sin(a x/a) e} [m].
+        """Return u_x = (F/G) {[ν/2 - ν_u Σ sin a cos a/(a - sin a cos a) e] x/a + Σ cos a/(a - sin
+        a cos a) sin(a x/a) e} [m].
         """
         a, decay, denominator = self._decay(t)
-        linear = self.poisson / 2 - (np.sin(a) * np.cos(a) / denominator) @ decay / 2
+        sums = (np.sin(a) * np.cos(a) / denominator) @ decay
+        linear = self.poisson / 2 - self.undrained_poisson * sums
         factors = np.cos(a) / denominator * decay
         r = self.force / self.mu
         return on_distinct(
@@ -92,7 +118,10 @@ class Mandel:
         )
 
     def displacement_y(self, y: ArrayLike, t: float) -> np.ndarray:
-        """Return u_y = -(F/(2 G a)) [1 - ν - Σ sin a cos a/(a - sin a cos a) e^(-a² T)] y [m]."""
+        """Return u_y = -(F/(2 G a)) [1 - ν - 2 (1 - ν_u) Σ sin a cos a/(a - sin a cos a) e^(-a²
+        T)] y [m].
+        """
         a, decay, denominator = self._decay(t)
-        strain = 1 - self.poisson - (np.sin(a) * np.cos(a) / denominator) @ decay
+        sums = (np.sin(a) * np.cos(a) / denominator) @ decay
+        strain = 1 - self.poisson - 2 * (1 - self.undrained_poisson) * sums
         return -self.force / (2 * self.mu * self.half_width) * strain * np.asarray(y)

@@ -24,6 +24,8 @@ class PorousMaterial:
     anisotropy : principal axes of the permeability, with factors of k_f or K; None without any
     viscosity : μ_f [Pa s], zero where the Brinkman term is left out
     variable_porosity : n_s = n_s0/J, else n_s = n_s0
+    biot : α, the part of the pressure that the skeleton bears against; fluid_compliance : 1/K_f
+    [1/Pa]
     """
 
     elastic: ElasticLaw | None
@@ -35,6 +37,8 @@ class PorousMaterial:
     viscosity: float = 0.0
     variable_porosity: bool = False
     anisotropy: Anisotropy | None = None
+    biot: float = 1.0
+    fluid_compliance: float = 0.0
 
     @classmethod
     def free_fluid(cls, rho: float, viscosity: float, drag0: float = 0.0) -> PorousMaterial:
@@ -110,6 +114,29 @@ class PorousMaterial:
         """
         slope = np.imag(self._drag_scale(J * (1 + 1e-30j))) / 1e-30
         return self.fluid_fraction_slope(J), Drag(slope, self.anisotropy)
+
+    @property
+    def is_compressible(self) -> bool:
+        """Return whether its constituents are."""
+        return self.biot != 1.0 or self.fluid_compliance > 0.0
+
+    def storage(self, J: np.ndarray) -> np.ndarray:
+        """Return S = n_f/K_f + (α - n_f)(1 - α)/K [1/Pa], the shape of J; K = λ + 2/3 μ, and K/(1 -
+        α) the bulk modulus of the grains (Biot & Willis 1957).
+        """
+        assert self.elastic is not None  # nobody asks a fluid
+        n = self.fluid_fraction(J)
+        bulk = self.elastic.lam + 2 / 3 * self.elastic.mu
+        return n * self.fluid_compliance + (self.biot - n) * (1 - self.biot) / bulk
+
+    @property
+    def diffusivity(self) -> float:
+        """Return c_v = (k_f/γ_fR)/(S + α²/E_c) along the most permeable axis in the reference
+        configuration [m²/s].
+        """
+        assert self.elastic is not None  # nobody asks a fluid
+        compliance = self.biot**2 / self.elastic.oedometer_modulus
+        return self.mobility / (float(self.storage(np.ones(()))) + compliance)
 
     @property
     def mobility(self) -> float:

@@ -475,6 +475,10 @@ class FluidPhase:
 
     # -- measures ----------------------------------------------------------------------------------
 
+    def stored_energy(self, mesh_state: MeshState) -> float:
+        """Return the energy of what the pressure compresses in the accepted state [J]."""
+        return 0.0
+
     def kinetic_energy(self, mesh_state: MeshState) -> float:
         """Return ∫ ρ_f |v_f|²/2 of the accepted state [J] (collective)."""
         if not self.setup.inertia:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..clock import Scheme
-from ..kernels import exchange, shape
+from ..kernels import exchange, shape, storage
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
 from ..linalg.constrained import BlockMatrix
@@ -35,6 +35,8 @@ class PoreFluid(FluidPhase):
     def __init__(self, setup: PoreFluidSetup) -> None:
         """Take the setup (collective)."""
         super().__init__(setup)
+        self._compressible = any(m.is_compressible for m in setup.materials.values())
+        self._rate = np.zeros(self.mesh.n_local)  # dp/dt of the accepted level [Pa/s]
         self.fluxes = SurfaceTerms(self.mesh.n_owned, 1, setup.fluxes)
         self.kept = KeptForce(self.mesh.n_owned, self.mesh.dim + 1)
 
@@ -52,6 +54,60 @@ class PoreFluid(FluidPhase):
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
         terms["flux"] = self.fluxes.residual(self._surface_state)
+        if self._compressible:
+            terms["storage"] = self._stored_volume(terms["skeleton"])
+
+    def _stored_volume(self, skeleton):
+        """Return ∫ q S dp/dt, (n_owned, 1) [m³/s], and add what the grains take to the term of the
+        skeleton.
+        """
+        domain = self.domain
+        state = self._mesh_state
+        end = self._end_of(self._p1)
+        rate = self.scheme.velocity_level(self._rate, self._rate_at(end))
+        stored = np.zeros((domain.n_owned, 1))
+        N = domain.mass.N
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material = self.setup.materials[region]
+            geometry = state.configuration.geometry.part(chunk)
+            S = material.storage(state.configuration.J[chunk])
+            of_elements = storage.stored_volume(N, geometry, S, domain.gather(rate, chunk))
+            domain.add(stored, chunk, of_elements[..., None])
+            v_s = domain.gather(state.velocity, chunk)
+            grains = storage.grain_volume(N, geometry, material.biot, v_s)
+            domain.add(skeleton, chunk, grains[..., None])
+        return stored
+
+    def _end_of(self, p):
+        """Return the pressure at the end of a step whose collocated one is p."""
+        return self.p + (p - self.p) / self.scheme.alpha_f
+
+    def _rate_at(self, end):
+        """Return dp/dt at the end of a step, where the pressure is `end`."""
+        return self.scheme.rates(end, self.p, self._rate, self._rate)[0]
+
+    def _end_pressure(self) -> np.ndarray:
+        """Return the pressure at the end of the step; that of compressible constituents is a state
+        of its own.
+        """
+        if not self._compressible:
+            return super()._end_pressure()
+        end = self._end_of(self._p1)
+        self._prescribe_pressure(end, self._t_end)
+        return end
+
+    def stored_energy(self, mesh_state: MeshState) -> float:
+        """Return ∫ S p²/2 of the accepted state [J] (collective)."""
+        if not self._compressible:
+            return 0.0
+        domain = self.domain
+        stored = np.zeros(domain.n_cells)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            S = self.setup.materials[region].storage(mesh_state.configuration.J[chunk])
+            p = domain.gather(self.p, chunk) @ domain.mass.N.T
+            dV = mesh_state.configuration.geometry.dV[chunk]
+            stored[chunk] = 0.5 * (S * p**2 * dV).sum(axis=1)
+        return domain.sum_owned(stored)
 
     def unbalanced(self, momentum: Residual) -> np.ndarray | float:
         """Return what the momentum residual adds to the skeleton's, (n_owned, d) [N]; nothing in
@@ -106,19 +162,31 @@ class PoreFluid(FluidPhase):
             material = self.setup.materials[region]
             self._add_skeleton_answer(K, elements, material, mesh_state, rates, chunk)
 
+    def _balance_tangents(self, mesh_state, rates, fields, surfaces, components):
+        """Yield the tangents of the balances, those of storage included."""
+        d = self.mesh.dim
+        found = super()._balance_tangents(mesh_state, rates, fields, surfaces, components)
+        for region, chunk, elements, K in found:
+            if self._compressible:
+                S = self.setup.materials[region].storage(mesh_state.configuration.J[chunk])
+                c_p = self.scheme.c_v
+                stored = storage.storage_tangent(elements.N, elements.geometry, S, c_p)
+                K[:, :, d, :, d] += stored
+            yield region, chunk, elements, K
+
     def _prepare_solver(self, mesh_state, rates, fields):
         self._chi = self.dragged_part(mesh_state, rates)
 
     def _add_skeleton_answer(self, values, elements, material, mesh_state, rates, chunk):
-        """Add the inertia-aware fixed-stress term; α = n_s + χ n_f is the part of the pressure
-        gradient the skeleton feels.
+        """Add the inertia-aware fixed-stress term; α - n_f + χ n_f, α = 1 of incompressible
+        grains, is the part of the pressure gradient the skeleton feels.
 
         Of a χ with principal axes it takes the mean, since an approximation does here.
         """
         chi = rates.dragged_fraction(elements.drag, elements.rho)
         if chi.ndim > elements.n.ndim:
             chi = trace(chi) / self.mesh.dim
-        alpha2_cv = (1 - elements.n + chi * elements.n) ** 2 * rates.c_v
+        alpha2_cv = (material.biot - elements.n + chi * elements.n) ** 2 * rates.c_v
         inertia = (
             material.rho_s * rates.c_a + rates.dragged_inertia(chi, elements.rho)
             if self.setup.has_auxiliary
@@ -147,7 +215,12 @@ class PoreFluid(FluidPhase):
         moving = mesh_state.moving_mesh
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, mesh_state.configuration)
-            yield chunk, exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
+            K = exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
+            alpha = self.setup.materials[region].biot
+            if alpha != 1.0:
+                by_p = storage.grain_tangent(elements.N, elements.geometry, alpha)
+                K[:, :, -1] -= rates.c_v * np.moveaxis(by_p, 3, 1)
+            yield chunk, K
 
     def shape_tangents(self, mesh_state: MeshState) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the moving mesh's
@@ -191,11 +264,16 @@ class PoreFluid(FluidPhase):
         if self.setup.reaction:
             balances = self._momentum.without("traction"), self._volume.without("flux")
             self.kept.accept(self.scheme, -np.column_stack(balances))
+        rate = self._rate_at(self._end_pressure()) if self._compressible else self._rate
         super().accept()
+        self._rate = rate
 
     def state(self) -> dict[str, np.ndarray]:
         """Return every array a restart needs, name -> (n_owned, ...)."""
-        return (self.kept.state() if self.setup.reaction else {}) | super().state()
+        kept = self.kept.state() if self.setup.reaction else {}
+        if self._compressible:
+            kept["p_rate"] = self._rate[: self.mesh.n_owned]
+        return kept | super().state()
 
     def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs beside the arrays."""
@@ -205,4 +283,6 @@ class PoreFluid(FluidPhase):
         """Continue from `state` and `memory`; see `FluidPhase.load_state`."""
         if self.setup.reaction:
             self.kept.load(arrays, memory)
+        if self._compressible:
+            self._rate = self.mesh.halo.extend(arrays["p_rate"])
         super().load_state(arrays, memory, *args)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..kernels import exchange, shape
+from ..kernels import exchange, shape, storage
 from ..tensors import plus_identity, weighted
 from .coupling_data import Flow
 from .setup import SkeletonSetup
@@ -22,7 +22,16 @@ class Skeleton(SolidPhase):
         super().__init__(setup, setup.with_hessian)
 
     def _flow_terms(self, flow: Flow) -> dict[str, np.ndarray]:
-        return self._coupling_terms(flow)
+        terms = self._coupling_terms(flow)
+        domain = self.domain
+        geometry = self.mesh_state().configuration.geometry
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            alpha = self.setup.materials[region].biot
+            if alpha != 1.0:
+                p = domain.gather(flow.pressure, chunk)
+                force = storage.grain_force(domain.mass.N, geometry.part(chunk), alpha, p)
+                domain.add(terms["pressure"], chunk, force)
+        return terms
 
     # -- tangents ----------------------------------------------------------------------------------
 
@@ -73,10 +82,11 @@ class Skeleton(SolidPhase):
             J = configuration.J[chunk]
             n = material.fluid_fraction(J)
             geometry = configuration.geometry.part(chunk)
-            yield (
-                chunk,
-                exchange.solid_by_flow(self.domain.mass.N, geometry, n, material.drag(J)),
-            )
+            N = self.domain.mass.N
+            K = exchange.solid_by_flow(N, geometry, n, material.drag(J))
+            if material.biot != 1.0:
+                K[..., -1] += storage.grain_tangent(N, geometry, material.biot)
+            yield chunk, K
 
     def shape_tangents(self, flow: Flow) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d, A, d) of the residual by the moving mesh's geometry)

@@ -10,6 +10,7 @@ from ..conditions import CONDITIONS
 from ..config import Scene
 from ..config.expressions import Expression
 from ..config.material import Material
+from ..config.sections import Model
 from ..coupling.medium import Medium
 from ..errors import InputError
 from ..fem.constraints import LinearConstraints, NormalValue
@@ -39,7 +40,7 @@ MONOLITHIC = ("quasi_direct", "direct")
 def materials_of(scene: Scene, mesh: LocalMesh) -> dict[str, PorousMaterial]:
     """Return dict region -> PorousMaterial, without the "auto" terms of the model."""
     return {
-        region: _material(entry, scene.model)
+        region: material_of(entry, scene.model)
         for entry in scene.material
         for region in (mesh.regions if entry.region == ("all",) else entry.region)
     }
@@ -54,24 +55,29 @@ def elastic_law(entry: Material) -> ElasticLaw:
     )
 
 
-def _material(entry, model):
-    viscosity = entry.fluid.viscosity if entry.fluid and model.viscosity is True else 0.0
-    if entry.kind == "fluid":
-        return PorousMaterial.free_fluid(entry.fluid.density, viscosity)
-    solid = entry.solid
+def material_of(entry: Material, model: Model) -> PorousMaterial:
+    """Return what a [[material]] is under a [model]."""
+    solid, fluid, permeability = entry.solid, entry.fluid, entry.permeability
+    viscosity = (fluid.viscosity or 0.0) if fluid and model.viscosity is True else 0.0
+    if not solid:
+        assert fluid  # a material has one of them
+        return PorousMaterial.free_fluid(fluid.density, viscosity)
     elastic = elastic_law(entry)
-    if entry.kind == "solid":
+    if not fluid:
         return PorousMaterial.dense_solid(elastic, solid.density)
+    assert permeability  # with both of them
     return PorousMaterial(
         elastic=elastic,
         n_s0=elastic.n_s0,
         rho_sR=solid.density,
-        rho_fR=entry.fluid.density,
+        rho_fR=fluid.density,
         drag0=1 / entry.mobility,
-        permeability=PERMEABILITY[entry.permeability.law](**entry.permeability.of_law()),
+        permeability=PERMEABILITY[permeability.law](**permeability.of_law()),
         viscosity=viscosity,
         variable_porosity=model.porosity == "variable",
-        anisotropy=_anisotropy(entry.permeability),
+        anisotropy=_anisotropy(permeability),
+        biot=entry.biot_coefficient,
+        fluid_compliance=1 / fluid.bulk_modulus if fluid.bulk_modulus else 0.0,
     )
 
 

@@ -3,8 +3,9 @@
 With the residuals of both phases tested by their collocated velocities and pressure, every
 converged step satisfies
 
-    P_external = P_inertia + P_stress + D_drag + D_viscous + D_stabilization      (pressure and
-    volume balance cancel)
+    P_external = P_inertia + P_stress + P_storage + D_drag + D_viscous + D_stabilization
+
+(pressure and volume balance cancel)
 
 to solver tolerance.  The time scheme's own dissipation is Δt (P_inertia + P_stress) - Δ(kinetic +
 elastic energy); with finite strain it holds the transport of fluid through the boundary as well.
@@ -130,7 +131,10 @@ def step_powers(
     external -= solid.get("interface", 0.0)  # what the fluid does there is among the reactions
     return {
         "external": external,
-        "stored": solid["stress"] + solid.get("inertia", 0.0) + fluid["inertia"],
+        "stored": solid["stress"]
+        + solid.get("inertia", 0.0)
+        + fluid["inertia"]
+        + mass.get("storage", 0.0),
         "drag": solid.get("drag", 0.0) + fluid["drag"],
         "viscous": fluid["viscous"],
         "stabilization": fluid["stabilization"] + mass["pspg"] + mass["undrained"],

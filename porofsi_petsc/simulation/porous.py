@@ -138,7 +138,8 @@ class PorousBuilder(Builder):
         """Raise InputError where neither a pressure nor a traction sets the level of p: any
         constant solves the equations.
         """
-        if not free and not drained:
+        stored = all(material.is_compressible for material in self.materials.values())
+        if not free and not drained and not stored:
             received = "received a prescribed normal displacement and no pressure on every boundary"
             advice = (
                 "expected one with a pressure or free to move, because else the pressure has no"

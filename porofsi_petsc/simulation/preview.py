@@ -97,7 +97,7 @@ def _diffusion(scene, coupling):
     where = cKDTree(np.vstack(domain.mesh.comm.allgather(domain.mesh.X[drained])))
     for region, material in _present(scene, domain):
         if 0 < material.n_s0 < 1:
-            c_v = material.elastic.oedometer_modulus * material.mobility
+            c_v = material.diffusivity
             layer = np.sqrt(c_v * scene.time.step)
             where_most = " along the most permeable axis" if material.anisotropy else ""
             line = (

@@ -27,7 +27,7 @@ from ..fem.domain import Domain
 from ..fem.geometry import Rule, geometry
 from ..materials import ElasticLaw
 from ..output.probes import Probes
-from .builder import elastic_law
+from .builder import elastic_law, material_of
 
 if TYPE_CHECKING:
     from .loop import Clock
@@ -64,6 +64,8 @@ class Soil:
     rho_fR: float
     mobility: float
     law: str
+    biot: float = 1.0
+    storage: float = 0.0
 
     @classmethod
     def of(cls, scene: Scene) -> Soil:
@@ -72,7 +74,11 @@ class Soil:
         solid = entry.solid
         fluid = entry.fluid
         assert solid and fluid  # `Scene` refuses these solutions without a porous material
-        return cls(elastic_law(entry), solid.density, fluid.density, entry.mobility, solid.law)
+        elastic = elastic_law(entry)
+        material = material_of(entry, scene.model)
+        S = float(material.storage(np.ones(())))
+        densities = solid.density, fluid.density
+        return cls(elastic, *densities, entry.mobility, solid.law, material.biot, S)
 
     @property
     def lam(self) -> float:
@@ -96,8 +102,13 @@ class Soil:
 
     @property
     def diffusivity(self) -> float:
-        """Return c_v = k_f E_c/γ_fR [m²/s]."""
-        return self.mobility * self.modulus
+        """Return c_v = (k_f/γ_fR)/(S + α²/E_c) [m²/s]."""
+        return self.mobility / (self.storage + self.biot**2 / self.modulus)
+
+    @property
+    def stores(self) -> dict[str, float]:
+        """Return α and S by the names that the exact solutions have for them."""
+        return {"biot": self.biot, "storage": self.storage}
 
 
 def exact_fields(scene: Scene) -> ExactFields:
@@ -134,13 +145,17 @@ def _column(scene, settlement, pressure, scale):
     )
 
 
-def _layer(kind):
-    def fields(scene, soil):
-        section = scene.reference
-        layer = kind(section.load, section.length, soil.modulus, soil.diffusivity)
-        return _column(scene, layer.settlement, layer.pressure, section.load)
+def _terzaghi(scene, soil):
+    section = scene.reference
+    layer = Terzaghi(section.load, section.length, soil.modulus, soil.diffusivity, **soil.stores)
+    scale = section.load * layer.efficiency
+    return _column(scene, layer.settlement, layer.pressure, scale)
 
-    return fields
+
+def _xie_leo(scene, soil):
+    section = scene.reference
+    layer = XieLeo(section.load, section.length, soil.modulus, soil.diffusivity)
+    return _column(scene, layer.settlement, layer.pressure, section.load)
 
 
 def _dynamic(scene, soil, evaluate, scale):
@@ -201,16 +216,15 @@ def _no_pressure(z, t):
 
 def _mandel(scene, soil):
     section = scene.reference
-    slab = Mandel(
-        section.load * section.length, section.length, soil.lam, soil.mu, soil.diffusivity
-    )
+    force = section.load * section.length
+    slab = Mandel(force, section.length, soil.lam, soil.mu, soil.diffusivity, **soil.stores)
 
     def displacement(t, X):
         return np.column_stack([slab.displacement_x(X[:, 0], t), slab.displacement_y(X[:, 1], t)])
 
     line = np.array([[0.0, 0.0], [section.length, 0.0]])
     return ExactFields(
-        displacement, lambda t, X: slab.pressure(X[:, 0], t), section.load / 2, line, 0
+        displacement, lambda t, X: slab.pressure(X[:, 0], t), slab.initial_pressure, line, 0
     )
 
 
@@ -255,7 +269,7 @@ def _strip_footing(scene, soil):
 
 def _cryer(scene, soil):
     section = scene.reference
-    sphere = Cryer(section.load, section.length, soil.lam, soil.mu, soil.diffusivity)
+    sphere = Cryer(section.load, section.length, soil.lam, soil.mu, soil.diffusivity, **soil.stores)
 
     def displacement(t, X):
         r = np.linalg.norm(X, axis=1)
@@ -266,7 +280,7 @@ def _cryer(scene, soil):
 
     line = np.zeros((2, scene.dim))
     line[1, 0] = section.length
-    return ExactFields(displacement, pressure, section.load, line, 0)
+    return ExactFields(displacement, pressure, sphere.initial_pressure, line, 0)
 
 
 def _seabed(scene, soil):
@@ -320,13 +334,13 @@ def _refused(scene, cause):
 SOLUTIONS = {
     "column_step": _column_step,
     "column_harmonic": _column_harmonic,
-    "terzaghi": _layer(Terzaghi),
+    "terzaghi": _terzaghi,
     "mandel": _mandel,
     "unconfined": _unconfined,
     "strip_footing": _strip_footing,
     "cryer": _cryer,
     "seabed": _seabed,
-    "xie_leo": _layer(XieLeo),
+    "xie_leo": _xie_leo,
     "selfweight": _selfweight,
     "drained": _drained,
 }
