@@ -58,6 +58,7 @@ TABLES = {
     "[mesh_motion]": sections.MeshMotion,
     "[petsc]": sections.Petsc,
     "[[probe]]": sections.Probe,
+    "[[line]]": sections.Line,
     "[[force]]": sections.Force,
     "[[surface]]": sections.Surface,
     "[[interface]]": sections.Interface,

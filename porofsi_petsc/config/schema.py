@@ -34,6 +34,7 @@ from .sections import (
     Force,
     Interface,
     Limits,
+    Line,
     MeshMotion,
     Model,
     Output,
@@ -74,6 +75,7 @@ class Scene(Table):
     mesh_motion: MeshMotion = MeshMotion()
     petsc: Petsc = Petsc()
     probe: Annotated[tuple[Probe, ...], ListOf()] = ()
+    line: Annotated[tuple[Line, ...], ListOf()] = ()
     force: Annotated[tuple[Force, ...], ListOf()] = ()
     surface: Annotated[tuple[Surface, ...], ListOf()] = ()
     interface: Annotated[tuple[Interface, ...], ListOf()] = ()
@@ -227,6 +229,7 @@ class Scene(Table):
         self._check_mass_scaling()
         self._check_surface_columns()
         self._check_probes()
+        self._check_lines()
         self._check_reference()
         self._check_expectations()
         return self
@@ -486,12 +489,28 @@ class Scene(Table):
                 raise wrong(
                     f"received {len(probe.at)} coordinates, expected {self.dim}", f"probe.{i}.at"
                 )
-            for quantity in probe.quantities:
-                self._require_phase_of(quantity, f"probe.{i}.quantities")
-                if self.dim == 2 and quantity.endswith(("_z", "_xz", "_yz")):
-                    raise wrong(
-                        f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities"
-                    )
+            self._check_quantities(probe, f"probe.{i}.quantities")
+
+    def _check_lines(self):
+        names = [line.name for line in self.line]
+        for i, line in enumerate(self.line):
+            if line.name in names[:i]:
+                text = f"received '{line.name}', the name of line.{names.index(line.name)}"
+                raise wrong(f"{text}, expected another", f"line.{i}.name")
+            for key, point in (("from", line.start), ("to", line.to)):
+                if len(point) != self.dim:
+                    text = f"received {len(point)} coordinates, expected {self.dim}"
+                    raise wrong(text, f"line.{i}.{key}")
+            if line.start == line.to:
+                raise wrong("received the point of 'from', expected another", f"line.{i}.to")
+            self._check_quantities(line, f"line.{i}.quantities")
+
+    def _check_quantities(self, entry, key):
+        """Refuse quantities of a probe or a line that the scene has not."""
+        for quantity in entry.quantities:
+            self._require_phase_of(quantity, key)
+            if self.dim == 2 and quantity.endswith(("_z", "_xz", "_yz")):
+                raise wrong(f"received '{quantity}' in a two-dimensional scene", key)
 
     def _require_phase_of(self, quantity, key):
         """Refuse the motion of a solid, or of a mesh, where there is none."""

@@ -261,6 +261,23 @@ class Probe(Table):
         return _each_once(self)
 
 
+class Line(Table):
+    """Points at equal distances on a straight line of the reference configuration [m], the ends
+    among them, and the quantities that are written of them.
+    """
+
+    name: Name
+    start: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)] = Field(alias="from")
+    to: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)]
+    points: Annotated[Count, Field(ge=2)]
+    quantities: Annotated[tuple[Quantity, ...], ListOf(shortest=1)]
+    every: Count = 1
+
+    @model_validator(mode="after")
+    def _distinct(self) -> "Line":
+        return _each_once(self)
+
+
 class Force(Table):
     """The force on tagged surfaces, in every step as name.f_x, name.f_y, name.f_z [N]: a
     [[surface]] with the quantity force.

@@ -29,11 +29,12 @@ class Probes:
         mesh: LocalMesh,
         points: Sequence[tuple[str, Sequence[float] | np.ndarray]],
         preferred: np.ndarray | None = None,
+        table: str = "[[probe]]",
     ) -> None:
         """Locate the points; collective.
 
-        points : list of (name, coordinates (d,) [m]); preferred : (cells,) bool.  Raises InputError
-        for a point outside.
+        points : list of (name, coordinates (d,) [m]); preferred : (cells,) bool; table : of the
+        scene, for messages.  Raises InputError for a point outside.
         """
         self.comm = mesh.comm
         self.names = [name for name, _ in points]
@@ -47,7 +48,7 @@ class Probes:
         natural = np.array([cell for cell, _, _ in found], dtype=np.int64)
         winner = np.empty_like(natural)
         self.comm.Allreduce(natural, winner, op=MPI.MIN)
-        _refuse_outside(mesh, points, winner)
+        _refuse_outside(mesh, points, winner, table)
         self._rows = np.flatnonzero(natural == winner)
         self._nodes = np.array([found[i][1] for i in self._rows], dtype=int).reshape(
             -1, mesh.element.nodes
@@ -123,7 +124,7 @@ def _solve(J, residual):
     return step
 
 
-def _refuse_outside(mesh, points, winner):
+def _refuse_outside(mesh, points, winner, table):
     low = mesh.X.min(axis=0, initial=np.inf)
     high = mesh.X.max(axis=0, initial=-np.inf)
     mesh.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
@@ -133,6 +134,6 @@ def _refuse_outside(mesh, points, winner):
             box = " x ".join(f"[{digits(a)}, {digits(b)}]" for a, b in zip(low, high, strict=True))
             where = ", ".join(digits(x) for x in point)
             raise InputError(
-                f"[[probe]] '{name}': at = [{where}] lies outside of the mesh, expected a point of"
+                f"{table} '{name}': at = [{where}] lies outside of the mesh, expected a point of"
                 f" it ({box} m)"
             )
