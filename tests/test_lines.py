@@ -74,7 +74,7 @@ def test_three_ranks_write_the_same(tmp_path):
     [
         (
             "line.0.to=[0.125, 2.0]",
-            r"\[\[line\]\] 'up': at = \[0.125, 1.3333333333333333\] lies outside",
+            r"\[\[line\]\] 'up': at = .*lies outside",
         ),
         ("line.0.to=[0.125, 0.0]", "expected another"),
         ("line.0.to=[0.125, 0.0, 1.0]", "received 3 coordinates, expected 2"),
