@@ -17,6 +17,7 @@ from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, entries
 from .conditions import AXES, no_slip_nodes, nodes_of
 from .drainage import holds_normal, require_one_drainage
+from .loads import concentrated_loads
 
 SYSTEMS = {"quasi_direct": QuasiDirectSystem, "direct": DirectSystem}
 
@@ -57,6 +58,7 @@ class PorousBuilder(Builder):
             moving_mesh=model.moving_mesh,
             dirichlet=self.displacement(),
             surfaces=surfaces,
+            loads=concentrated_loads(scene, self.domain, self.components),
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,
             reaction=self._is_kept,
