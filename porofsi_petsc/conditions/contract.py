@@ -20,8 +20,12 @@ MATERIAL = {
     "rho_fR": 1.3,
     "rho_sR": 2.1,
     "viscosity": 0.2,
-    "compression_impedance": 3.1,
-    "shear_impedance": 1.7,
+    "n_s0": 0.6,
+    "rho_s": 1.26,
+    "rho_f": 0.52,
+    "drag0": 0.9,
+    "confined_modulus": 3.1,
+    "shear_modulus": 1.7,
 }
 BY = {"fluid": Slope(0.0, 1.0), "solid": Slope(1.0, 3.0), "porous": Slope(1.0, 3.0)}
 
@@ -112,6 +116,8 @@ def check_condition(condition: type[SurfaceCondition]) -> None:
     number, for each node of a facet; its tangent, local and of low rank, is the slope of the
     residual; it records what its columns name.
     """
+    for other in condition.beside:
+        check_condition(other)
     _check_class(condition)
     for dim, kind in itertools.product((2, 3), condition.behind):
         body = sample(condition, dim, kind)
@@ -165,7 +171,7 @@ def sample_state(dim: int) -> State:
     random = np.random.default_rng(dim)
     n = SampleSurface(dim).n
     u, v, c = (0.1 * random.standard_normal((n, dim)) for _ in range(3))
-    return State(0.07, u, v - 0.3, c - 0.3, random.standard_normal(n))
+    return State(0.07, u, v - 0.3, c - 0.3, random.standard_normal(n), v_s=v)
 
 
 def slopes(

@@ -225,7 +225,8 @@ class SolidPhase:
     def residual(self, flow: Flow) -> Residual:
         """Return the `Residual` of the trial state under the force of the flow [N]."""
         terms = self._own_terms() | self._flow_terms(flow)
-        terms |= {"body": self._body, "traction": self.surfaces.residual(self._surface_state)}
+        state = self._surface_state._replace(p=flow.pressure)
+        terms |= {"body": self._body, "traction": self.surfaces.residual(state)}
         self._residual = Residual(self.mesh.comm, terms, self.setup.dirichlet.free)
         return self._residual
 
