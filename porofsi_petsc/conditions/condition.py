@@ -140,6 +140,15 @@ class SurfaceCondition:
         """
         return None
 
+    def exchange(self, state: State, slope: Slope) -> np.ndarray | None:
+        """Return the derivative on a facet by the unknown of the other phase of a porous medium: of
+        the balance of the skeleton by p, (F, Af, d, Af, 1), of the volume balance by the motion of
+        the skeleton, (F, Af, 1, Af, d); None where it is zero, or left to the iteration.
+
+        The monolithic schemes want it where it is not small.
+        """
+        return None
+
     def low_rank(self, state: State, slope: Slope) -> LowRank | None:
         """Return what couples all nodes of the surface in the same derivative, None where nothing
         does (collective).

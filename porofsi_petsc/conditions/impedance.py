@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..kernels.assemble import add_mass
-from ..kernels.surface import impedance_load, impedance_weights, pressure_load
+from ..kernels.surface import impedance_load, impedance_weights, pressure_coupling, pressure_load
 from ..registry import parameter
 from .condition import Kind, Slope, State, Surface, SurfaceCondition
 
@@ -118,6 +118,11 @@ class AbsorbingFlux(SurfaceCondition):
         through = self._rule.N @ self.surface.gather(state.v_s) * self._normal
         return -(self._rule.N.T @ through.sum(axis=-1)[..., None])
 
+    def exchange(self, state: State, slope: Slope) -> np.ndarray:
+        """Return its derivative by the motion, (F, Af, 1, Af, d)."""
+        by_pressure = pressure_coupling(self._rule.N, self._normal)
+        return -slope.v * np.moveaxis(by_pressure, (1, 2, 3, 4), (3, 4, 1, 2))
+
 
 @dataclass
 class Absorbing(Impedance):
@@ -188,3 +193,9 @@ class Absorbing(Impedance):
     def tangent(self, state: State, slope: Slope) -> np.ndarray:
         """Return its derivative by the motion, (F, Af, d, Af, d) [N/m]."""
         return slope.v * self.matrix()
+
+    def exchange(self, state: State, slope: Slope) -> np.ndarray | None:
+        """Return its derivative by p, (F, Af, d, Af, 1) [m²]."""
+        if not self._pores.any():
+            return None
+        return pressure_coupling(self._rule.N, self._pores[..., None] * self._normal)
