@@ -51,6 +51,7 @@ TABLES = {
     "[[boundary]]": conditions.Boundary,
     "[body_force]": conditions.BodyForce,
     "[[body_force]]": conditions.RegionalForce,
+    "[[load]]": sections.Load,
     "[initial]": conditions.Initial,
     "Vectors": Vector,
     "[stabilization]": sections.Stabilization,

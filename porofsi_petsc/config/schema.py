@@ -35,6 +35,7 @@ from .sections import (
     Interface,
     Limits,
     Line,
+    Load,
     MeshMotion,
     Model,
     Output,
@@ -69,6 +70,7 @@ class Scene(Table):
     )  # after what its defaults depend on
     boundary: Annotated[tuple[Annotated[Boundary, WithConditions()], ...], ListOf()] = ()
     body_force: BodyForces = BodyForce()
+    load: Annotated[tuple[Load, ...], ListOf()] = ()
     initial: Initial = Initial()
     stabilization: Stabilization = Stabilization()
     coupling: Coupling = Coupling()
@@ -220,6 +222,7 @@ class Scene(Table):
         else:
             for i, force in enumerate(self.body_force):
                 check_expressions(force, self.dim, f"body_force.{i}")
+        self._check_loads()
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_kinds()
         self._check_anisotropy()
@@ -233,6 +236,23 @@ class Scene(Table):
         self._check_reference()
         self._check_expectations()
         return self
+
+    def _check_loads(self):
+        """Refuse loads without a solid, of another dimension, and along lines in a plane."""
+        for i, load in enumerate(self.load):
+            check_expressions(load, self.dim, f"load.{i}")
+            if not self.phases[0]:
+                raise wrong("received one without a solid; leave it out", f"load.{i}")
+            if load.line and self.dim == 2:
+                text = "expected a point, at = [x, y], which stands for a line across the plane"
+                raise wrong(f"received a line in a two-dimensional scene, {text}", f"load.{i}.line")
+            for point in load.line or (load.at,):
+                if len(point) != self.dim:
+                    text = f"received {len(point)} coordinates, expected {self.dim}"
+                    raise wrong(text, f"load.{i}.{'line' if load.line else 'at'}")
+            if load.line and load.line[0] == load.line[1]:
+                text = "received one point twice, expected two ends; give it by `at`"
+                raise wrong(text, f"load.{i}.line")
 
     def _check_kinds(self):
         """Refuse what belongs to porous media in a scene without, and the other way round."""

@@ -205,7 +205,7 @@ class FluidPhase:
     def _state_of(self, mesh_state, fields):
         """Return what conditions on surfaces see at the time of collocation."""
         v, c, p = (getattr(fields.nodal, name) for name in ("v", "c", "p"))
-        return State(self._t_alpha, mesh_state.displacement, v, c, p)
+        return State(self._t_alpha, mesh_state.displacement, v, c, p, v_s=mesh_state.velocity)
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
         """Add what the volume balance has beside the terms of the elements (collective)."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..clock import Scheme
+from ..conditions import Slope
 from ..kernels import exchange, shape
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
@@ -145,9 +146,13 @@ class PoreFluid(FluidPhase):
         """
         fields = self._trial_fields(mesh_state)
         moving = mesh_state.moving_mesh
+        state = self._state_of(mesh_state, fields)
+        surfaces = self.fluxes.exchanges(state, Slope(float(moving), rates.c_v))
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, mesh_state.configuration)
-            yield chunk, exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
+            K = exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
+            surfaces.add_to(K, chunk, row=self.mesh.dim)
+            yield chunk, K
 
     def shape_tangents(self, mesh_state: MeshState) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d + 1, A, d) of the residuals by the moving mesh's
