@@ -8,7 +8,13 @@ from running import SCENES, Job, run_here
 
 from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.conditions import CONDITIONS, SurfaceCondition
-from porofsi_petsc.conditions.contract import check_condition, sample, sample_state, slopes
+from porofsi_petsc.conditions.contract import (
+    check_condition,
+    exchanges,
+    sample,
+    sample_state,
+    slopes,
+)
 from porofsi_petsc.config.conditions import boundary_table
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.registry import parameter
@@ -26,6 +32,14 @@ def test_the_tangent_is_the_slope_of_the_residual(name, kind, dim):
     tangent, expected = slopes(CONDITIONS[name], dim, kind)
     error = np.abs(tangent - expected).max()
     assert error < 1e-8 * max(1.0, np.abs(expected).max())  # of central differences with 1e-6
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("condition", [CONDITIONS["absorbing"], *CONDITIONS["absorbing"].beside])
+def test_what_it_takes_of_the_other_phase_has_its_slope(condition, dim):
+    given, expected = exchanges(condition, dim)
+    assert np.abs(given).max() > 0
+    assert np.abs(given - expected).max() < 1e-8 * max(1.0, np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("name", "kind"), PLACES)

@@ -75,6 +75,34 @@ def axis(length, cells):
     return Axis.model_validate({"points": [0.0, length], "cells": [cells]})
 
 
+def test_rollers_on_an_incline_take_the_forces_on_the_upright_column(tmp_path):
+    """A drained column under its load: the stress is uniform, so that corners are split exactly."""
+    mesh, Q = turned(GRIDS["T3"](), radians(30))
+    load = dict(zip("xy", Q @ [0.0, -0.3], strict=True))
+    sides = ["left", "right", "bottom", "top"]
+    inclined = scene(
+        file(tmp_path / "turned.msh", mesh),
+        boundary=[
+            {"on": ["left", "right", "bottom"], "normal_displacement": 0.0},
+            {"on": sides, "pressure": 0.0},
+            {"on": "top", "traction": load},
+        ],
+        material=POROUS,
+        time={"end": 1e4, "step": 5e3, "scheme": "backward_euler"},
+        force=[{"name": side, "on": side} for side in sides],
+        coupling={"tolerance": 1e-10},
+    )
+    with Simulation.from_scene(inclined) as simulation:
+        simulation.run()
+        rows = simulation.history
+    found = {side: Q.T @ [rows[f"{side}.f_{axis}"][-1] for axis in "xy"] for side in sides}
+    lateral = 0.3 * LAMBDA / (LAMBDA + 2 * MU)
+    assert np.allclose(found["bottom"], [0.0, -0.3], atol=1e-7)
+    assert np.allclose(found["top"], [0.0, 0.3], atol=1e-7)
+    assert np.allclose(found["left"], [-2 * lateral, 0.0], atol=1e-7)
+    assert np.allclose(found["right"], [2 * lateral, 0.0], atol=1e-7)
+
+
 @pytest.mark.parametrize("coupling", ["partitioned", "quasi_direct", "direct"])
 def test_a_column_on_inclined_rollers_is_the_upright_one(tmp_path, coupling):
     """Consolidation of a column that is turned by 30 degrees, its sides and its foot on rollers."""

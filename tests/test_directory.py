@@ -26,6 +26,8 @@ OURS = (
         "scene.toml",
         "run.log",
         "profiles.csv",
+        "line_a-1.csv",
+        "line_up.png",
         "fields.xdmf",
         "checkpoint.h5",
         "paths.png",

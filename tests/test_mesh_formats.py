@@ -1,5 +1,7 @@
 """Mesh files of other programs than Gmsh, in the dialects that are found."""
 
+from types import SimpleNamespace
+
 import meshio
 import numpy as np
 import pytest
@@ -183,3 +185,17 @@ def test_families_of_a_med_file(tmp_path, name):
 def test_formats_whose_groups_are_not_read(tmp_path, suffix):
     (tmp_path / f"a{suffix}").write_text("CDF")
     refused(tmp_path / f"a{suffix}", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")
+
+
+def test_polyhedra_are_refused(tmp_path):
+    mesh = grid("H8", [SimpleNamespace(points=[0.0, 1.0], cells=[1], ratios=None)] * 3)
+    faces = mesh.cells[0][np.array(mesh.element.facets)].tolist()
+    message = "it has polyhedra, of which no element is made; mesh the body with tetra"
+    source = meshio.Mesh(mesh.points, [("polyhedron8", [faces])])
+    source.write(tmp_path / "a.vtu", binary=False)
+    refused(tmp_path / "a.vtu", 3, message)
+    lines = ["# vtk DataFile Version 3.0", "cube", "ASCII", "DATASET UNSTRUCTURED_GRID"]
+    lines += ["POINTS 8 double", *(" ".join(map(str, x)) for x in mesh.points), "CELLS 1 32"]
+    lines += [" ".join(map(str, [31, 6, *(n for face in faces for n in (4, *face))]))]
+    (tmp_path / "a.vtk").write_text("\n".join([*lines, "CELL_TYPES 1", "42", ""]))
+    refused(tmp_path / "a.vtk", 3, message)

@@ -27,12 +27,19 @@ MESHES = {
 GMSH_TYPE = {"line": 1, "triangle": 2, "tetra": 4, "line3": 8, "triangle6": 9, "tetra10": 11}
 GMSH_TYPE |= {"quad": 3, "hexahedron": 5, "quad9": 10, "hexahedron27": 12}
 GMSH_TYPE |= {"quad8": 16, "hexahedron20": 17}
+GMSH_TYPE |= {"wedge18": 13, "pyramid14": 14, "wedge15": 18, "pyramid13": 19}
 # Gmsh's order of nodes in numbers of VTK's (gmsh.info, "Node ordering").
 HEXAHEDRON = [*range(8), *(8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14)]
+WEDGE = [*range(6), 6, 8, 12, 7, 13, 14, 9, 11, 10]
+PYRAMID = [*range(5), 5, 8, 9, 6, 10, 7, 11, 12]
 GMSH_NODES = {
     "tetra10": [*range(8), 9, 8],
     "hexahedron20": HEXAHEDRON,
     "hexahedron27": [*HEXAHEDRON, *(24, 22, 20, 21, 23, 25, 26)],
+    "wedge15": WEDGE,
+    "wedge18": [*WEDGE, 15, 17, 16],
+    "pyramid13": PYRAMID,
+    "pyramid14": [*PYRAMID, 13],
 }
 
 
@@ -372,12 +379,12 @@ def test_unsupported_and_mixed_cells(tmp_path):
         [curved, triangle],
         "mixed cells of kinds triangle, tri",
     )
-    prism = ("wedge18", 3, "body", np.arange(18)[None])
+    cubic = ("tetra20", 3, "body", np.arange(20)[None])
     refused_groups(
         tmp_path,
-        np.random.default_rng(0).random((18, 3)),
-        [prism],
-        "unsupported cells of kind wedge18; mesh the domain with tetra, tetra10, hexahedron,"
+        np.random.default_rng(0).random((20, 3)),
+        [cubic],
+        "unsupported cells of kind tetra20; mesh the domain with tetra, tetra10, hexahedron,"
         " hexahedron27, hexahedron20, wedge or pyramid$",
         dim=3,
     )

@@ -10,7 +10,6 @@ from mixed import cut, unit_grid, write_mixed
 from mpi4py import MPI
 from running import SCENES, Job, run_here
 from small_media import PLANE
-from test_mesh_read import refused_groups
 
 from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.elements import ELEMENTS
@@ -167,12 +166,6 @@ def test_terzaghi_on_squares_and_triangles(tmp_path):
     (error,) = run_here(Job("terzaghi", str(tmp_path / "run"), overrides))["errors"]
     print(error)
     assert error["u"] < 0.02 and error["p"] < 0.005
-
-
-def test_quadratic_cells_of_several_shapes_are_refused(tmp_path):
-    cells = [("triangle6", 2, "body", np.arange(6)[None]), ("quad9", 2, "body", np.arange(9)[None])]
-    points = np.random.default_rng(0).random((9, 2))
-    refused_groups(tmp_path, points, cells, "mixed cells of kinds quad9, triangle6; mesh .*linear")
 
 
 WEDGE = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]

@@ -128,10 +128,15 @@ def test_direct_tangent_takes_walls_without_slip_along(mesh, wall):
     assert max(errors.values()) < FD_TOLERANCE, errors
 
 
+COMPRESSIBLE = ("material.0.biot_coefficient=0.8", "material.0.fluid.bulk_modulus=1e7")
+
+
+@pytest.mark.parametrize("constituents", [(), COMPRESSIBLE], ids=["incompressible", "compressible"])
 @pytest.mark.parametrize("moving, wrong", [("false", ()), ("true", ("yy", "vy", "py"))])
-def test_quasi_direct_tangent_lacks_the_moving_mesh_only(moving, wrong):
+def test_quasi_direct_tangent_lacks_the_moving_mesh_only(moving, wrong, constituents):
     overrides = (
         *DARCY,
+        *constituents,
         "coupling.scheme=quasi_direct",
         f"model.moving_mesh={moving}",
         "limits.mesh_displacement=report",

@@ -155,3 +155,89 @@ def test_a_wave_comes_in_through_a_compliant_base(tmp_path, wave):
 def test_it_stands_alone(tmp_path):
     with pytest.raises(InputError, match="which excludes"):
         run(tmp_path, "boundary.0={on='bottom', absorbing={}, spring={normal=1.0}}")
+
+
+# -- saturated columns -----------------------------------------------------------------------------
+
+N_S, RHO_S, RHO_F = 0.6, 2.5, 1.0  # solid fraction, true densities
+POROUS = (
+    "model.solid_inertia=true",
+    "model.fluid_inertia=true",
+    "time.consistent_start=false",
+    "coupling.tolerance=1e-7",
+)
+# Darcy coefficients of a soil so permeable that the fluid hardly feels it, and of one that takes
+# all of it along [m/s]
+FREE, STUCK = 1e3, 1e-5
+
+
+def soil(permeability):
+    """Return the change that sets a saturated material with the moduli of the bar."""
+    solid = f"solid={{law='linear_elastic', lambda={LAME}, mu={MU}, density={RHO_S}}}"
+    fluid = f"fluid={{density={RHO_F}, specific_weight=10.0}}"
+    return (
+        f"material=[{{region='body', porosity={1 - N_S}, {solid}, {fluid},"
+        f" permeability={{law='constant', k={permeability}}}}}]"
+    )
+
+
+def masses(wave):
+    """Return the mass that a wave moves [kg/m³]: P against the fluid, S with it."""
+    n_f = 1 - N_S
+    if wave == "P":
+        return N_S * RHO_S + (N_S / n_f) ** 2 * n_f * RHO_F
+    return N_S * RHO_S + n_f * RHO_F
+
+
+COARSE = (*FINE, "time.step=0.014", "time.end=2.5")
+
+
+@pytest.mark.parametrize(
+    ("wave", "permeability", "scheme"), [("P", FREE, "partitioned"), ("S", STUCK, "direct")]
+)
+def test_a_pulse_leaves_a_saturated_column(tmp_path, wave, permeability, scheme):
+    """The drained top moves with σ/√(ρ M), the mass that of de Boer, Ehlers & Liu (1993) for P, of
+    the mixture for S; nothing comes back.
+    """
+    along, across, _ = WAVES[wave]
+    modulus = LAME + 2 * MU if wave == "P" else MU
+    rho = masses(wave)
+    c = np.sqrt(modulus / rho)
+    sides = (
+        "boundary=[{on='bottom', absorbing={}},"
+        f" {{on='top', traction={{{along}='1e-3*{RICKER}'}}, pressure=0.0}},"
+        f" {{on=['left', 'right'], displacement={{{across}=0.0}}, velocity={{x=0.0}}}}]"
+    )
+    if wave == "S":
+        sides = sides.replace(", velocity={x=0.0}", "")
+    record = f"probe=[{{name='A', at=[0.125, 1.0], quantities=['v_{along}']}}]"
+    found = run(
+        tmp_path, sides, record, soil(permeability), f"coupling.scheme={scheme}", *POROUS, *COARSE
+    )
+    exact = 1e-3 * ricker(found["t"]) / (rho * c)
+    error = np.abs(found[f"A.v_{along}"] - exact).max() / np.abs(exact).max()
+    sweeps = found["coupling_iterations"].max()
+    print(f"{wave}: largest error {error:.2%} of the pulse, {sweeps:.0f} sweeps at most")
+    assert found["t"][-1] > 1.2 + 2 / c
+    assert error < 0.05
+
+
+def test_an_undrained_pulse_leaves_a_compressible_column(tmp_path):
+    """With a compressible pore fluid the impermeable top moves with σ/(ρ c_u), ρ of the mixture and
+    ρ c_u² = λ + 2μ + K_f/n_f (Biot 1956, no drainage).
+    """
+    n_f, K_f = 1 - N_S, 20.0
+    rho = N_S * RHO_S + n_f * RHO_F
+    c = np.sqrt((LAME + 2 * MU + K_f / n_f) / rho)
+    sides = (
+        "boundary=[{on='bottom', absorbing={}},"
+        f" {{on='top', traction={{y='1e-3*{RICKER}'}}}},"
+        " {on=['left', 'right'], displacement={x=0.0}, velocity={x=0.0}}]"
+    )
+    compressible = soil(STUCK).replace("specific_weight", f"bulk_modulus={K_f}, specific_weight")
+    record = "probe=[{name='A', at=[0.125, 1.0], quantities=['v_y', 'p']}]"
+    found = run(tmp_path, sides, record, compressible, *POROUS, *COARSE)
+    exact = 1e-3 * ricker(found["t"]) / (rho * c)
+    error = np.abs(found["A.v_y"] - exact).max() / np.abs(exact).max()
+    print(f"largest error {error:.2%} of the pulse")
+    assert error < 0.05

@@ -54,7 +54,8 @@ class State(NamedTuple):
 
     Nodal fields with ghosts: u (n_local, d) [m] of the solid or of the fluid's mesh; v (n_local, d)
     [m/s] of the phase; c (n_local, d) [m/s] of a fluid relative to its mesh; p (n_local,) [Pa] of a
-    fluid.
+    fluid, or of that in the pores of a skeleton; v_s (n_local, d) [m/s] of the skeleton around a
+    pore fluid.
     """
 
     t: float
@@ -63,6 +64,7 @@ class State(NamedTuple):
     c: np.ndarray | None = None
     p: np.ndarray | None = None
     accepted: bool = False
+    v_s: np.ndarray | None = None
 
 
 class Slope(NamedTuple):
@@ -100,7 +102,9 @@ class SurfaceCondition:
     leave it without effect; follows : whether its load on a solid goes with the surface, so that
     its tangent changes with the motion and need not be symmetric; holds : which displacements of
     the surface it resists, as a spring does, so that nothing else has to hold a body without
-    inertia against them, "normal" and "tangential"
+    inertia against them, "normal" and "tangential"; carries_pressure : whether the pore pressure is
+    part of its traction, so that it does not set the level of p; beside : conditions of other
+    balances that come with it, made of the parameters that they have in common
     """
 
     balance: ClassVar[Literal["momentum", "volume"]] = "momentum"
@@ -112,6 +116,8 @@ class SurfaceCondition:
     wants_normal_motion: ClassVar[bool] = False
     follows: ClassVar[bool] = False
     holds: ClassVar[Collection[str]] = ()
+    carries_pressure: ClassVar[bool] = False
+    beside: "ClassVar[tuple[type[SurfaceCondition], ...]]" = ()
 
     def bind(self, surface: Surface) -> None:
         """Take the surface, once, before the first step (collective)."""
@@ -131,6 +137,15 @@ class SurfaceCondition:
         Af, k), None where it is zero.
 
         What else the residual depends on is left out: the iteration sees it.
+        """
+        return None
+
+    def exchange(self, state: State, slope: Slope) -> np.ndarray | None:
+        """Return the derivative on a facet by the unknown of the other phase of a porous medium: of
+        the balance of the skeleton by p, (F, Af, d, Af, 1), of the volume balance by the motion of
+        the skeleton, (F, Af, 1, Af, d); None where it is zero, or left to the iteration.
+
+        The monolithic schemes want it where it is not small.
         """
         return None
 

@@ -20,8 +20,13 @@ MATERIAL = {
     "rho_fR": 1.3,
     "rho_sR": 2.1,
     "viscosity": 0.2,
-    "compression_impedance": 3.1,
-    "shear_impedance": 1.7,
+    "n_s0": 0.6,
+    "rho_s": 1.26,
+    "rho_f": 0.52,
+    "is_compressible": 0.0,
+    "drag0": 0.9,
+    "undrained_modulus": 3.1,
+    "shear_modulus": 1.7,
 }
 BY = {"fluid": Slope(0.0, 1.0), "solid": Slope(1.0, 3.0), "porous": Slope(1.0, 3.0)}
 
@@ -112,7 +117,12 @@ def check_condition(condition: type[SurfaceCondition]) -> None:
     number, for each node of a facet; its tangent, local and of low rank, is the slope of the
     residual; it records what its columns name.
     """
+    for other in condition.beside:
+        check_condition(other)
     _check_class(condition)
+    if "porous" in condition.behind:
+        for dim in (2, 3):
+            _check_exchange(condition, dim)
     for dim, kind in itertools.product((2, 3), condition.behind):
         body = sample(condition, dim, kind)
         k = dim if condition.balance == "momentum" else 1
@@ -165,7 +175,7 @@ def sample_state(dim: int) -> State:
     random = np.random.default_rng(dim)
     n = SampleSurface(dim).n
     u, v, c = (0.1 * random.standard_normal((n, dim)) for _ in range(3))
-    return State(0.07, u, v - 0.3, c - 0.3, random.standard_normal(n))
+    return State(0.07, u, v - 0.3, c - 0.3, random.standard_normal(n), v_s=v)
 
 
 def slopes(
@@ -241,3 +251,45 @@ def _is_linear(condition, dim, kind):
     other = _tangent(body, state._replace(u=-state.u, v=2 * state.v), BY[kind])
     small = SMALL * np.abs(first).max(initial=1.0)
     return np.abs(first - first.T).max() < small and np.abs(first - other).max() < small
+
+
+def exchanges(condition: type[SurfaceCondition], dim: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the `exchange` of a condition of a porous medium, and the central differences of its
+    residual by p or by the motion of the skeleton, (n k, n l) each; None where it has none.
+    """
+    body = sample(condition, dim, "porous")
+    state = sample_state(dim)
+    given = body.exchange(state, BY["porous"])
+    if given is None:
+        return None
+    k, m = given.shape[2], given.shape[4]
+    n = SampleSurface(dim).n
+    total = np.zeros((n, k, n, m))
+    for nodes, K in zip(body.surface.nodes, given, strict=True):
+        total[np.ix_(nodes, range(k), nodes, range(m))] += K
+    differences = np.empty_like(total)
+    for node, j in np.ndindex(n, m):
+        ends = [
+            _nodal(body, body.residual(_other_moved(condition, state, node, j, sign * STEP)))
+            for sign in (1, -1)
+        ]
+        differences[:, :, node, j] = (ends[0] - ends[1]) / (2 * STEP)
+    return total.reshape(n * k, n * m), differences.reshape(n * k, n * m)
+
+
+def _other_moved(condition, state, node, component, step):
+    """Return the state with another pressure, or with another motion of the skeleton."""
+    if condition.balance == "momentum":
+        p = state.p.copy()
+        p[node] += step
+        return state._replace(p=p)
+    change = np.zeros_like(state.v)
+    change[node, component] = step
+    slope = BY["porous"]
+    return state._replace(u=state.u + slope.u * change, v_s=state.v_s + slope.v * change)
+
+
+def _check_exchange(condition, dim):
+    found = exchanges(condition, dim)
+    if found and np.abs(found[0] - found[1]).max() > SMALL * max(1.0, np.abs(found[1]).max()):
+        raise ValueError("`exchange` is not the slope of the residual")

@@ -34,6 +34,8 @@ from .sections import (
     Force,
     Interface,
     Limits,
+    Line,
+    Load,
     MeshMotion,
     Model,
     Output,
@@ -72,12 +74,14 @@ class Scene(Table):
     )  # after what its defaults depend on
     boundary: Annotated[tuple[Annotated[Boundary, WithConditions()], ...], ListOf()] = ()
     body_force: BodyForces = BodyForce()
+    load: Annotated[tuple[Load, ...], ListOf()] = ()
     initial: Initial = Initial()
     stabilization: Stabilization = Stabilization()
     coupling: Coupling = Coupling()
     mesh_motion: MeshMotion = MeshMotion()
     petsc: Petsc = Petsc()
     probe: Annotated[tuple[Probe, ...], ListOf()] = ()
+    line: Annotated[tuple[Line, ...], ListOf()] = ()
     force: Annotated[tuple[Force, ...], ListOf()] = ()
     surface: Annotated[tuple[Surface, ...], ListOf()] = ()
     interface: Annotated[tuple[Interface, ...], ListOf()] = ()
@@ -222,6 +226,7 @@ class Scene(Table):
         else:
             for i, force in enumerate(self.body_force):
                 check_expressions(force, self.dim, f"body_force.{i}")
+        self._check_loads()
         check_expressions(self.initial, self.dim, "initial", position_only=True)
         self._check_kinds()
         self._check_anisotropy()
@@ -231,9 +236,27 @@ class Scene(Table):
         self._check_mass_scaling()
         self._check_surface_columns()
         self._check_probes()
+        self._check_lines()
         self._check_reference()
         self._check_expectations()
         return self
+
+    def _check_loads(self):
+        """Refuse loads without a solid, of another dimension, and along lines in a plane."""
+        for i, load in enumerate(self.load):
+            check_expressions(load, self.dim, f"load.{i}")
+            if not self.phases[0]:
+                raise wrong("received one without a solid; leave it out", f"load.{i}")
+            if load.line and self.dim == 2:
+                text = "expected a point, at = [x, y], which stands for a line across the plane"
+                raise wrong(f"received a line in a two-dimensional scene, {text}", f"load.{i}.line")
+            for point in load.line or (load.at,):
+                if len(point) != self.dim:
+                    text = f"received {len(point)} coordinates, expected {self.dim}"
+                    raise wrong(text, f"load.{i}.{'line' if load.line else 'at'}")
+            if load.line and load.line[0] == load.line[1]:
+                text = "received one point twice, expected two ends; give it by `at`"
+                raise wrong(text, f"load.{i}.line")
 
     def _check_kinds(self):
         """Refuse what belongs to porous media in a scene without, and the other way round."""
@@ -498,12 +521,28 @@ class Scene(Table):
                 raise wrong(
                     f"received {len(probe.at)} coordinates, expected {self.dim}", f"probe.{i}.at"
                 )
-            for quantity in probe.quantities:
-                self._require_phase_of(quantity, f"probe.{i}.quantities")
-                if self.dim == 2 and quantity.endswith(("_z", "_xz", "_yz")):
-                    raise wrong(
-                        f"received '{quantity}' in a two-dimensional scene", f"probe.{i}.quantities"
-                    )
+            self._check_quantities(probe, f"probe.{i}.quantities")
+
+    def _check_lines(self):
+        names = [line.name for line in self.line]
+        for i, line in enumerate(self.line):
+            if line.name in names[:i]:
+                text = f"received '{line.name}', the name of line.{names.index(line.name)}"
+                raise wrong(f"{text}, expected another", f"line.{i}.name")
+            for key, point in (("from", line.start), ("to", line.to)):
+                if len(point) != self.dim:
+                    text = f"received {len(point)} coordinates, expected {self.dim}"
+                    raise wrong(text, f"line.{i}.{key}")
+            if line.start == line.to:
+                raise wrong("received the point of 'from', expected another", f"line.{i}.to")
+            self._check_quantities(line, f"line.{i}.quantities")
+
+    def _check_quantities(self, entry, key):
+        """Refuse quantities of a probe or a line that the scene has not."""
+        for quantity in entry.quantities:
+            self._require_phase_of(quantity, key)
+            if self.dim == 2 and quantity.endswith(("_z", "_xz", "_yz")):
+                raise wrong(f"received '{quantity}' in a two-dimensional scene", key)
 
     def _require_phase_of(self, quantity, key):
         """Refuse the motion of a solid, or of a mesh, where there is none."""

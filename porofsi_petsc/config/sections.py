@@ -25,6 +25,7 @@ from .types import (
     Table,
     Tags,
     Text,
+    Vector,
     wrong,
 )
 
@@ -259,6 +260,44 @@ class Probe(Table):
     @model_validator(mode="after")
     def _distinct(self) -> "Probe":
         return _each_once(self)
+
+
+Place = Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)]
+
+
+class Line(Table):
+    """Points at equal distances on a straight line of the reference configuration [m], the ends
+    among them, and the quantities that are written of them.
+    """
+
+    name: Name
+    start: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)] = Field(alias="from")
+    to: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)]
+    points: Annotated[Count, Field(ge=2)]
+    quantities: Annotated[tuple[Quantity, ...], ListOf(shortest=1)]
+    every: Count = 1
+
+    @model_validator(mode="after")
+    def _distinct(self) -> "Line":
+        return _each_once(self)
+
+
+class Load(Table):
+    """A force [N] on a point of a solid, in 2-D per metre of thickness, around an axis on a whole
+    ring; or one along a segment [N/m].
+    """
+
+    at: Place | None = None
+    line: Annotated[tuple[Place, ...], ListOf(shortest=2, longest=2)] | None = None
+    force: Vector
+
+    @model_validator(mode="after")
+    def _complete(self) -> "Load":
+        if (self.at is None) == (self.line is None):
+            raise wrong("expected exactly one of at = [x, y] and line = [[x, y, z], [x, y, z]]")
+        if not any((self.force.x, self.force.y, self.force.z)):
+            raise wrong("received no component, expected one at least", "force")
+        return self
 
 
 class Force(Table):

@@ -104,10 +104,24 @@ class LinearConstraints:
         """
         self._mesh = mesh
         self._where = where
+        self._given = tuple(given)
         normals = [entry for entry in given if isinstance(entry, NormalValue)]
         shared = [entry for entry in given if not isinstance(entry, NormalValue)]
         self.normal = _Normal(mesh, mask, normals)
         self.shared = _Shared(mesh, mask, self.normal.touched, shared, where)
+
+    @property
+    def surfaces(self) -> list[tuple[str, list[int]]]:
+        """Return tag and components of the surfaces on which a force holds the field; on one with a
+        normal component all of them.
+        """
+        found = []
+        for entry in self._given:
+            tags = (entry.first, entry.second) if isinstance(entry, Tie) else entry.tags
+            every = range(self._mesh.dim)
+            of_all = every if isinstance(entry, NormalValue) else entry.components
+            found += [(tag, list(of_all)) for tag in tags]
+        return found
 
     @property
     def nodes(self) -> np.ndarray:

@@ -53,6 +53,10 @@ class Constraints(Protocol):
     def nodes(self) -> np.ndarray:
         """Return the owned nodes that are concerned."""
 
+    @property
+    def surfaces(self) -> list[tuple[str, list[int]]]:
+        """Return tag and components of the surfaces on which a force holds the field."""
+
     def apply(self, field: np.ndarray, t: float) -> None:
         """Change the owned rows of a field (n_local, k) so that it holds at time t (collective)."""
 

@@ -77,19 +77,21 @@ class Surface:
         owned = self.nodes < self._mesh.n_owned
         np.add.at(nodal, self.nodes[owned], vectors[owned])
 
-    def add_tangent(self, K: np.ndarray, chunk: slice, tangent: np.ndarray) -> None:
-        """Add tangents of the facets (F, Af, k, Af, k) to the first k components of those of a
-        slice of the elements, (E, A, m, A, m).
+    def add_tangent(
+        self, K: np.ndarray, chunk: slice, tangent: np.ndarray, row: int = 0, column: int = 0
+    ) -> None:
+        """Add tangents of the facets (F, Af, k, Af, l) to those of a slice of the elements, (E, A,
+        m, A, n), from their components row and column on.
         """
         here = np.flatnonzero((self.rows >= chunk.start) & (self.rows < chunk.stop))
         local = self.local[here]
-        i = np.arange(tangent.shape[2])
+        i, j = (first + np.arange(tangent.shape[k]) for first, k in ((row, 2), (column, 4)))
         rows = (self.rows[here] - chunk.start)[:, None, None, None, None]
         places = (
             rows,
             local[:, :, None, None, None],
             i[:, None, None],
             local[:, None, None, :, None],
-            i,
+            j,
         )
         np.add.at(K, places, tangent[here])

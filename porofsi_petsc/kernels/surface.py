@@ -92,6 +92,13 @@ def pressure_load(N: np.ndarray, normal: np.ndarray, p: np.ndarray) -> np.ndarra
     return surface_load(N, p, normal)
 
 
+def pressure_coupling(N: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return ∮ N_a n N_b dA, (F, A, d, A, 1): the derivative of `pressure_load` by nodal pressures;
+    normal (F, Q, d) times dA.
+    """
+    return np.einsum("qa,fqi,qb->faib", N, normal, N, optimize=True)[..., None]
+
+
 def pressure_load_by_normal(N: np.ndarray, change: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return the derivative of `pressure_load` by the positions of the facet's nodes, (F, A, d, A,
     d) [N/m], at given p (F, Q), from that of the normals, change (F, Q, b, i, j).

@@ -162,13 +162,23 @@ class PorousMaterial:
         return self.n_s0 * self.rho_sR
 
     @property
-    def compression_impedance(self) -> float:
-        """Return ρ_s c_p = √(ρ_s (λ + 2μ)) of a solid at small strain [Pa s/m]."""
-        assert self.elastic is not None  # nobody asks a fluid
-        return float(np.sqrt(self.rho_s * self.elastic.oedometer_modulus))
+    def rho_f(self) -> float:
+        """Return the fluid's partial density in the reference configuration, n_f ρ_fR [kg/m^3]."""
+        return (1 - self.n_s0) * self.rho_fR
 
     @property
-    def shear_impedance(self) -> float:
-        """Return ρ_s c_s = √(ρ_s μ) of a solid at small strain [Pa s/m]."""
-        assert self.elastic is not None  # nobody asks a fluid
-        return float(np.sqrt(self.rho_s * self.elastic.mu))
+    def confined_modulus(self) -> float:
+        """Return λ + 2μ [Pa], 0 without a skeleton."""
+        return self.elastic.oedometer_modulus if self.elastic else 0.0
+
+    @property
+    def undrained_modulus(self) -> float:
+        """Return λ + 2μ + α²/S [Pa] of compressible constituents, λ + 2μ of others."""
+        if not (self.elastic and self.is_compressible):
+            return self.confined_modulus
+        return self.confined_modulus + self.biot**2 / float(self.storage(np.ones(())))
+
+    @property
+    def shear_modulus(self) -> float:
+        """Return μ [Pa], 0 without a skeleton."""
+        return self.elastic.mu if self.elastic else 0.0

@@ -104,8 +104,8 @@ def volume_element(blocks: Sequence[tuple[str, int]], dim: int, where: Where) ->
     holds_all = [e for e in supported.values() if {*kinds} <= {e.meshio_name, *e.collapsed}]
     if not holds_all:
         raise InputError(
-            f"{where}: mixed cells of kinds {', '.join(kinds)}; mesh the whole domain with one of"
-            " them, or with linear ones"
+            f"{where}: mixed cells of kinds {', '.join(kinds)}; mesh the whole domain with"
+            " cells of one order"
         )
     return supported[kinds[0]] if kinds[0] in supported and len(kinds) == 1 else holds_all[0]
 

@@ -1,16 +1,22 @@
 """Cells that no element has are cut into cells that one has, facets alike on both sides.
 
-Where a facet is cut, its own node numbers decide how, so that both cells do it alike.
+Where a facet is cut, its own node numbers decide how, so that both cells do it alike: a polygon
+into the triangles at its smallest vertex, a cell into the simplices between its smallest vertex and
+the facets opposite to it (Dompierre, Labbe, Vallet & Camarero 1999).
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from ..elements import ELEMENTS
 from ..errors import InputError
 from .check import place
 from .source import Block, Source
+from .topology import group_rows
 
 POLYGONS = {"penta_prism": 5, "hexa_prism": 6}
 
@@ -72,3 +78,194 @@ def replaced(source: Source, index: int, block: Block, owner: np.ndarray) -> Sou
         for name, parts in source.arrays.items()
     }
     return replace(source, blocks=blocks, sets=sets, arrays=arrays)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A quadratic cell: vertices, the ends of its edges and the vertices of its facets; first the
+    nodes at the vertices, then in the middle of edges, of quadrilaterals if there are, and of the
+    cell.
+
+    The facets that are quadrilaterals are in the order of the nodes in their middle.
+    """
+
+    vertices: int
+    edges: Sequence[Sequence[int]]
+    facets: Sequence[Sequence[int]]
+    dim: int = 3
+
+    @property
+    def quadrilaterals(self) -> list[Sequence[int]]:
+        """Return the quadrilaterals, of a plane cell itself."""
+        plane = [range(self.vertices)] if self.dim == 2 else self.facets
+        return [face for face in plane if len(face) == 4]
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """Return the number of the node between two vertices, (V, V)."""
+        table = np.full((self.vertices,) * 2, -1)
+        first = self.vertices
+        for edge in self.edges:
+            table[edge[0], edge[1]] = table[edge[1], edge[0]] = first
+            first += 1
+        for a, b, c, d in self.quadrilaterals:
+            table[[a, c, b, d], [c, a, d, b]] = first
+            first += 1
+        table[(table < 0) & ~np.eye(self.vertices, dtype=bool)] = first
+        return table
+
+    def around(self, face: Sequence[int]) -> list[int]:
+        """Return the nodes of the edges of a quadrilateral."""
+        ends = zip(face, [*face[1:], face[0]], strict=True)
+        return [int(self.middle[a, b]) for a, b in ends]
+
+
+def _of_element(name):
+    element = ELEMENTS[name]
+    corners = [element.facets[i][: element.cell.facet_vertices] for i in range(len(element.facets))]
+    return Shape(element.n_vertices, element.cell.edges, corners, element.dim)
+
+
+_WEDGE = Shape(
+    6,
+    ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    ((0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5), (0, 1, 2), (3, 4, 5)),
+)
+_PYRAMID = Shape(
+    5,
+    ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
+    ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+)
+# Name in meshio: the shape, and how many of the nodes after those of the edges it has.
+QUADRATIC = {
+    "triangle6": (_of_element("T6"), 0),
+    "quad8": (_of_element("Q8"), 0),
+    "quad9": (_of_element("Q9"), 1),
+    "tetra10": (_of_element("T10"), 0),
+    "pyramid13": (_PYRAMID, 0),
+    "pyramid14": (_PYRAMID, 1),
+    "wedge15": (_WEDGE, 0),
+    "wedge18": (_WEDGE, 3),
+    "hexahedron20": (_of_element("H20"), 0),
+    "hexahedron27": (_of_element("H27"), 7),
+}
+SIMPLEX = {2: "triangle6", 3: "tetra10"}
+
+
+def cut_quadratic(source: Source, dim: int) -> tuple[Source, str]:
+    """Return the source with its quadratic cells cut into quadratic triangles or tetrahedra, and a
+    sentence on it; unchanged and "" where an element has them all, or cells are of other kinds.
+
+    What is cut is between the nodes of the file and, in the middle of the quadrilaterals and of the
+    hexahedra that have no node there, new ones after them: where the shape functions of the cell
+    have this point.
+    """
+    chosen = [i for i, b in enumerate(source.blocks) if b.dim == dim and len(b.data)]
+    kinds = sorted({source.blocks[i].type for i in chosen})
+    supported = {element.meshio_name for element in ELEMENTS.values()}
+    if not set(kinds) <= QUADRATIC.keys() or (len(kinds) == 1 and kinds[0] in supported):
+        return source, ""
+    before = len(source.points)
+    complete, points = _with_middle_nodes([source.blocks[i] for i in chosen], source.points)
+    cut = replace(source, points=points)
+    count = 0
+    for i, nodes in zip(chosen, complete, strict=True):
+        shape = QUADRATIC[source.blocks[i].type][0]
+        simplices, owner = _simplices(shape, nodes)
+        cut = replaced(cut, i, Block(SIMPLEX[dim], dim, simplices), owner)
+        count += len(simplices)
+    if dim == 3:
+        cut = _with_triangles(cut)
+    what = f"{sum(len(source.blocks[i].data) for i in chosen)} cells of kinds {', '.join(kinds)}"
+    where = {2: "triangles", 3: "tetrahedra"}[dim]
+    return cut, (
+        f"{what} are cut into {count} quadratic {where}, with {len(points) - before} nodes more,"
+        " numbered after those of the file"
+    )
+
+
+def _with_middle_nodes(blocks, points):
+    """Return the cells of all blocks with the nodes in the middle of quadrilaterals and of the
+    cell, and the points with those added.
+    """
+    shapes = [QUADRATIC[block.type] for block in blocks]
+    faces = [
+        block.data[:, list(face)]
+        for block, (s, _) in zip(blocks, shapes, strict=True)
+        for face in s.quadrilaterals
+    ]
+    if not faces:
+        return [block.data for block in blocks], points
+    group = group_rows(np.concatenate(faces))
+    middle = np.full(group.max(initial=-1) + 1, -1, dtype=np.int64)
+    centres = np.empty((len(middle), points.shape[1]))
+    at = 0
+    for block, (shape, own) in zip(blocks, shapes, strict=True):
+        first = shape.vertices + len(shape.edges)
+        for number, face in enumerate(shape.quadrilaterals):
+            groups = group[at : at + len(block.data)]
+            at += len(block.data)
+            corners, edges = (points[block.data[:, list(n)]] for n in (face, shape.around(face)))
+            centres[groups] = edges.sum(axis=1) / 2 - corners.sum(axis=1) / 4
+            if own:
+                middle[groups] = block.data[:, first + number]
+    new = middle < 0
+    middle[new] = len(points) + np.arange(new.sum())
+    points = np.vstack([points, centres[new]])
+    complete = []
+    at = 0
+    for block, (shape, own) in zip(blocks, shapes, strict=True):
+        columns = [block.data[:, : shape.vertices + len(shape.edges)]]
+        for _ in shape.quadrilaterals:
+            columns.append(middle[group[at : at + len(block.data)], None])
+            at += len(block.data)
+        if own == len(shape.quadrilaterals) + 1:
+            columns.append(block.data[:, -1:])
+        elif shape.vertices == 8:
+            corners, edges = (points[part] for part in np.split(columns[0], [8], axis=1))
+            columns.append(len(points) + np.arange(len(block.data))[:, None])
+            points = np.vstack([points, (edges.sum(axis=1) - corners.sum(axis=1)) / 4])
+        complete.append(np.hstack(columns))
+    return complete, points
+
+
+def _simplices(shape, cells):
+    """Return the nodes of quadratic simplices, (n, A), that cells with all middle nodes are cut
+    into, and the cell of each, (n,) ascending.
+    """
+    least = cells[:, : shape.vertices].argmin(axis=1)
+    parts, owners = [], []
+    for vertex in range(shape.vertices):
+        here = np.flatnonzero(least == vertex)
+        for facet in shape.facets:
+            if vertex not in facet and len(here):
+                for corners in _cut_facet(cells[here], np.array(facet)):
+                    parts.append(np.column_stack([np.full(len(here), vertex), corners]))
+                    owners.append(here)
+    local, owner = np.concatenate(parts), np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")
+    local, owner = local[order], owner[order]
+    edges = ELEMENTS["T6" if shape.dim == 2 else "T10"].cell.edges
+    between = [shape.middle[local[:, a], local[:, b]] for a, b in edges]
+    return cells[owner[:, None], np.column_stack([local, *between])], owner
+
+
+def _cut_facet(cells, facet):
+    """Return the vertices of a facet, a quadrilateral as two triangles, as local numbers (n, k)."""
+    if len(facet) < 4:
+        return [np.broadcast_to(facet, (len(cells), len(facet)))]
+    first = cells[:, facet].argmin(axis=1)[:, None]
+    return [facet[(first + corners) % 4] for corners in _fan(4)]
+
+
+def _with_triangles(source):
+    """Return the source with the vertices of quadrilaterals as those of two triangles."""
+    for index, block in enumerate(source.blocks):
+        if block.type in ("quad", "quad8", "quad9") and len(block.data):
+            corners = _cut_facet(block.data, np.arange(4))
+            rows = np.arange(len(block.data))[:, None]
+            triangles = np.stack([block.data[rows, part] for part in corners], axis=1)
+            owner = np.repeat(np.arange(len(block.data)), 2)
+            cut = Block("triangle", 2, triangles.reshape(-1, 3))
+            source = replaced(source, index, cut, owner)
+    return source

@@ -4,6 +4,7 @@ others by meshio.
 
 import contextlib
 import io
+import re
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,9 @@ NOT_READ = {
 }
 NASTRAN = (".bdf", ".fem", ".nas")
 OWN = {".msh": read_gmsh, ".inp": read_abaqus}
-# Cells of VTK that meshio knows, but for their dimension
-PRISMS = {"penta_prism": 3, "hexa_prism": 3}
+# Cells that meshio knows, but for their dimension
+BODIES = ("penta_prism", "hexa_prism", "wedge15", "wedge18", "pyramid13", "pyramid14")
+POLYHEDRA = "it has polyhedra, of which no element is made; mesh the body with tetra or hexahedron"
 NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
 # Arrays that hold the numbers of materials, whatever else a file has, the first one first.  (MED's
 # families, of meshio's key "cell_tags", have names.)
@@ -56,11 +58,19 @@ def read_source(path: Path) -> Source:
     except Unusable as error:
         raise InputError(f"{path}: {error}") from error
     except (Exception, SystemExit) as error:
+        if suffix == ".vtk" and _has_polyhedra(path):
+            raise InputError(f"{path}: {POLYHEDRA}") from error
         reason = "" if isinstance(error, SystemExit) else f" ({_reason(error)})"
         raise InputError(
             f"{path}: not readable as a mesh{reason}; give a file that meshio reads, such as Gmsh"
             " .msh 2.2 or 4.1"
         ) from error
+
+
+def _has_polyhedra(path):
+    """Return whether a legacy VTK file in text has cells of type 42."""
+    types = re.search(rb"CELL_TYPES\s+\d+\s+([\d\s]+)", path.read_bytes())
+    return types is not None and b"42" in types[1].split()
 
 
 def _reason(error):
@@ -69,17 +79,25 @@ def _reason(error):
     return f"{type(error).__name__}: {shown(str(error))}"
 
 
+def known_to_meshio() -> None:
+    """Tell meshio the dimension of the cells of which it does not know it, and so cannot hold."""
+    from meshio import _mesh
+
+    for kind in BODIES:
+        _mesh.topological_dimension.setdefault(kind, 3)
+
+
 def _read_by_meshio(path):
     """Return what meshio reads; it prints and exits on a file it cannot read, and its readers raise
     nearly anything.
     """
     import meshio  # slow to import, and most scenes make their mesh themselves
-    from meshio import _mesh
 
-    for kind, dim in PRISMS.items():
-        _mesh.topological_dimension.setdefault(kind, dim)
+    known_to_meshio()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         source = meshio.read(path)
+    if any(block.type.startswith("polyhedron") for block in source.cells):
+        raise Unusable(POLYHEDRA)
     blocks = [Block(block.type, block.dim, block.data) for block in source.cells]
     data = {key: [_scalars(part) for part in parts] for key, parts in source.cell_data.items()}
     arrays = {

@@ -10,7 +10,7 @@ import numpy as np
 from ..elements import ELEMENTS, Element
 from ..errors import InputError, listed
 from . import check, overlap
-from .cut import cut_prisms
+from .cut import cut_prisms, cut_quadratic
 from .formats import read_source
 from .generate import DEFAULT_REGION
 from .groups import named_sets, one_each
@@ -82,7 +82,8 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
     check.require_file(path)
     source = read_source(path)
     check.require_arrays(source.points, [block.data for block in source.blocks], dim, path)
-    source, note = cut_prisms(source, path)
+    source, prisms = cut_prisms(source, path)
+    source, quadratic = cut_quadratic(source, dim)
     blocks = [block for block in source.blocks if len(block.data)]
     element = check.volume_element([(block.type, block.dim) for block in blocks], dim, path)
     points = check.plane_points(source.points, dim, path)
@@ -91,7 +92,7 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
     tagged, of_tagged = _gather(source.blocks, sets, element.facet, _facets_of_all_orders(element))
     check.require_known_nodes(points, cells, path)
     check.require_known_nodes(points, tagged, path, "facet")
-    body = _Body(path, element, points, cells, [note] if note else [])
+    body = _Body(path, element, points, cells, [note for note in (prisms, quadratic) if note])
     if not reading.groups and any(name in of_cells for name in source.sections):
         of_cells = {name: of_cells[name] for name in source.sections if name in of_cells}
     names, cell_region = _regions(body, of_cells, bool(reading.groups))

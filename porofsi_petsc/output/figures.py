@@ -14,7 +14,8 @@ from .files import parse_toml, publish, temporary_name
 from .hdf5 import read_slab
 from .history import NAME as HISTORY
 from .history import read_history
-from .history_plots import draw_histories, draw_paths
+from .history_plots import draw_histories, draw_paths, kind_of
+from .lines import draw_line, file_of, read_line
 from .profiles import NAME as PROFILES
 from .profiles import draw_profiles, read_profiles
 from .surface import read_regions, read_surface
@@ -41,10 +42,10 @@ PANELS_WITHOUT_TIMES = 4
 def make_figures(directory: Path) -> list[Path]:
     """Draw the figures of a run into its directory; return the paths written.
 
-    They are pressure.png, velocity.png, displacement.png, histories.png, paths.png and
-    reference.png; those without data (no fields or no history written, no path or no reference
-    asked for, no free fluid) are left out.  On the calling rank only. Raises InputError when the
-    directory is not a result directory.
+    They are pressure.png, velocity.png, displacement.png, histories.png, paths.png, reference.png
+    and line_<name>.png; those without data (no fields or no history written, no path, no reference
+    or no line asked for, no free fluid) are left out.  On the calling rank only. Raises InputError
+    when the directory is not a result directory.
     """
     directory = Path(directory)
     scene = _scene(directory)
@@ -54,7 +55,9 @@ def make_figures(directory: Path) -> list[Path]:
 def make_curves(directory: Path) -> list[Path]:
     """Draw the figures of `make_figures` that need no fields, which are as large as the mesh."""
     directory = Path(directory)
-    return _history_figures(directory, _scene(directory)) + _reference_figure(directory)
+    scene = _scene(directory)
+    curves = _history_figures(directory, scene) + _line_figures(directory, scene)
+    return curves + _reference_figure(directory)
 
 
 def _scene(directory):
@@ -211,6 +214,16 @@ def _history_figures(directory, scene):
     ]
     if probes:
         written.append(save_figure(directory / "paths.png", draw_paths, history, probes))
+    return written
+
+
+def _line_figures(directory, scene):
+    written = []
+    for entry in scene.get("line", []):
+        path = directory / file_of(entry["name"])
+        line = read_line(path) if path.is_file() else {"t": ()}
+        if len(line["t"]) and any(kind_of(name)[0] for name in entry["quantities"]):
+            written.append(save_figure(path.with_suffix(".png"), draw_line, line))
     return written
 
 

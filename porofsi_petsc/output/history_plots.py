@@ -68,6 +68,14 @@ def _kind(name):
     return kind, f"{symbol}_{{{index}{component}}}"
 
 
+def kind_of(name: str) -> tuple[str, str, str]:
+    """Return what a quantity is, its symbol and its SI unit, ("", "", "") of one that is not
+    drawn.
+    """
+    kind, symbol = _kind(name)
+    return (KINDS[kind][0], symbol, KINDS[kind][1]) if kind else ("", "", "")
+
+
 def kinds_of(history: Iterable[str]) -> dict[str, list[str]]:
     """Return dict kind -> list of its columns, in the order of KINDS; columns are named
     <probe>.<quantity>.

@@ -205,7 +205,7 @@ class FluidPhase:
     def _state_of(self, mesh_state, fields):
         """Return what conditions on surfaces see at the time of collocation."""
         v, c, p = (getattr(fields.nodal, name) for name in ("v", "c", "p"))
-        return State(self._t_alpha, mesh_state.displacement, v, c, p)
+        return State(self._t_alpha, mesh_state.displacement, v, c, p, v_s=mesh_state.velocity)
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
         """Add what the volume balance has beside the terms of the elements (collective)."""
@@ -474,6 +474,11 @@ class FluidPhase:
         self._assemble(mesh_state, rates, self._fields(mesh_state, v, a, p, self._no_body))
 
     # -- measures ----------------------------------------------------------------------------------
+
+    @property
+    def borne_pressure(self) -> np.ndarray:
+        """Return the part of the accepted pressure in the total stress, (n_local,) [Pa]."""
+        return self.p
 
     def stored_energy(self, mesh_state: MeshState) -> float:
         """Return the energy of what the pressure compresses in the accepted state [J]."""

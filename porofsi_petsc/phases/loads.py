@@ -1,4 +1,4 @@
-"""Loads inside the domain."""
+"""Loads inside the domain: on its mass, on points and lines."""
 
 from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
@@ -30,3 +30,25 @@ def body_acceleration(domain: Domain, forces: Iterable[BodyForce], t: float) -> 
                     values = expression(t, here.reshape(-1, domain.dim))
                     b[span, :, component] += values.reshape(here.shape[:2])
     return b
+
+
+class ConcentratedLoad(NamedTuple):
+    """Forces on points of the reference, which the shape functions of their cells take to nodes.
+
+    expressions : component -> formula of a force [N], along a line [N/m]; X (P, d) points; weights
+    (P,) : 1, along a line lengths [m]; points (R,), nodes (R,), shape (R,) : which owned node takes
+    which part of which point
+    """
+
+    expressions: Mapping[int, Formula]
+    X: np.ndarray
+    weights: np.ndarray
+    points: np.ndarray
+    nodes: np.ndarray
+    shape: np.ndarray
+
+    def add_to(self, nodal: np.ndarray, t: float) -> None:
+        """Add the forces at time t to a field (n_owned, d) [N]."""
+        for component, expression in self.expressions.items():
+            forces = self.weights * expression(t, self.X)
+            np.add.at(nodal[:, component], self.nodes, self.shape * forces[self.points])

@@ -110,7 +110,7 @@ class QuasiDirectSystem:
         d = self.mesh.dim
         for chunk, K in self._solid.trial_tangents(rates):
             values[chunk, :, :d, :, :d] = K
-        for chunk, K in self._solid.exchange_tangents():
+        for chunk, K in self._solid.exchange_tangents(rates):
             values[chunk, :, :d, :, d:] = K
         for chunk, K in self._fluid.exchange_tangents(rates, mesh_state):
             values[chunk, :, d:, :, :d] = K

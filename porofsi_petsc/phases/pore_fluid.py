@@ -3,11 +3,13 @@ pressure.
 """
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..clock import Scheme
+from ..conditions import Slope
 from ..kernels import exchange, shape, storage
 from ..kernels import flow as kernel
 from ..kernels.solid import displacement_gradient, volumetric_compliance
@@ -95,6 +97,25 @@ class PoreFluid(FluidPhase):
         end = self._end_of(self._p1)
         self._prescribe_pressure(end, self._t_end)
         return end
+
+    @property
+    def borne_pressure(self) -> np.ndarray:
+        """Return α p of the accepted state, (n_local,) [Pa]: σ = σ_E - α p I."""
+        return self._alpha * self.p
+
+    @cached_property
+    def _alpha(self):
+        """Return α, the mean over the elements at a node, (n_local,); 1 where there are none
+        (collective).
+        """
+        domain = self.domain
+        ones = np.ones((domain.n_cells, domain.cells.shape[1]))
+        of_cells = np.ones((domain.n_cells, 1))
+        for region, span in domain.region_slices.items():
+            of_cells[span] = self.setup.materials[region].biot
+        total, count = (domain.scatter_add(values)[:, 0] for values in (of_cells * ones, ones))
+        mean = np.divide(total, count, out=np.ones_like(total), where=count > 0)
+        return self.mesh.halo.extend(mean[:, None])[:, 0]
 
     def stored_energy(self, mesh_state: MeshState) -> float:
         """Return ∫ S p²/2 of the accepted state [J] (collective)."""
@@ -213,6 +234,8 @@ class PoreFluid(FluidPhase):
         """
         fields = self._trial_fields(mesh_state)
         moving = mesh_state.moving_mesh
+        state = self._state_of(mesh_state, fields)
+        surfaces = self.fluxes.exchanges(state, Slope(float(moving), rates.c_v))
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, mesh_state.configuration)
             K = exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
@@ -220,6 +243,7 @@ class PoreFluid(FluidPhase):
             if alpha != 1.0:
                 by_p = storage.grain_tangent(elements.N, elements.geometry, alpha)
                 K[:, :, -1] -= rates.c_v * np.moveaxis(by_p, 3, 1)
+            surfaces.add_to(K, chunk, row=self.mesh.dim)
             yield chunk, K
 
     def shape_tangents(self, mesh_state: MeshState) -> Iterator[tuple[slice, np.ndarray]]:

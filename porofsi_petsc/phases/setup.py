@@ -21,7 +21,7 @@ from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
-from .loads import BodyForce
+from .loads import BodyForce, ConcentratedLoad
 from .surface_terms import OnSurface
 
 
@@ -86,11 +86,13 @@ class PhaseSetup:
 class SolidSetup(PhaseSetup):
     """Common to the skeleton and a solid without pores: essential displacement.
 
-    reaction : whether the force on its boundary is kept from step to step
+    reaction : whether the force on its boundary is kept from step to step; loads : on points and
+    lines
     """
 
     dirichlet: Dirichlet
     reaction: bool = False
+    loads: tuple[ConcentratedLoad, ...] = ()
 
     @property
     def mask(self) -> np.ndarray:

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..conditions import Slope
 from ..kernels import exchange, shape, storage
 from ..tensors import plus_identity, weighted
-from .coupling_data import Flow
+from .coupling_data import Flow, Rates
 from .setup import SkeletonSetup
 from .solid import SolidPhase
 
@@ -72,11 +73,12 @@ class Skeleton(SolidPhase):
         added = (1 - n) ** 2 / n * material.rho_fR * rates.c_f
         return plus_identity(weighted(rates.c_v * dV, drag.times(1 / n**2).plus(added)), inertia)
 
-    def exchange_tangents(self) -> Iterator[tuple[slice, np.ndarray]]:
+    def exchange_tangents(self, rates: Rates) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial
         state.
         """
         configuration = self.mesh_state().configuration
+        surfaces = self.surfaces.exchanges(self._surface_state, Slope(1.0, rates.c_v))
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             material = self.setup.materials[region]
             J = configuration.J[chunk]
@@ -86,6 +88,7 @@ class Skeleton(SolidPhase):
             K = exchange.solid_by_flow(N, geometry, n, material.drag(J))
             if material.biot != 1.0:
                 K[..., -1] += storage.grain_tangent(N, geometry, material.biot)
+            surfaces.add_to(K, chunk, column=self.mesh.dim)
             yield chunk, K
 
     def shape_tangents(self, flow: Flow) -> Iterator[tuple[slice, np.ndarray]]:

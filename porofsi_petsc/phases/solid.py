@@ -225,7 +225,8 @@ class SolidPhase:
     def residual(self, flow: Flow) -> Residual:
         """Return the `Residual` of the trial state under the force of the flow [N]."""
         terms = self._own_terms() | self._flow_terms(flow)
-        terms |= {"body": self._body, "traction": self.surfaces.residual(self._surface_state)}
+        state = self._surface_state._replace(p=flow.pressure)
+        terms |= {"body": self._body, "traction": self.surfaces.residual(state)}
         self._residual = Residual(self.mesh.comm, terms, self.setup.dirichlet.free)
         return self._residual
 
@@ -299,12 +300,15 @@ class SolidPhase:
         return (self.domain.cells.shape[1] * self.mesh.dim) ** 2
 
     def _body_vector(self, t):
-        """Return -∫ ρ_s b·w dV0, (n_owned, d); zero without body force."""
+        """Return -∫ ρ_s b·w dV0 and minus the concentrated loads, (n_owned, d); zero without."""
+        nodal = np.zeros((self.mesh.n_owned, self.mesh.dim))
+        for load in self.setup.loads:
+            load.add_to(nodal, t)
+        nodal *= -1
         if not self.setup.body_force:
-            return np.zeros((self.mesh.n_owned, self.mesh.dim))
+            return nodal
         domain = self.domain
         b = body_acceleration(domain, self.setup.body_force, t)
-        nodal = np.zeros((self.mesh.n_owned, self.mesh.dim))
         for region, chunk in domain.chunks(self._doubles_per_cell):
             rho_s = self.setup.materials[region].rho_s
             domain.add(

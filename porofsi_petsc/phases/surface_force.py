@@ -104,9 +104,13 @@ class SurfaceForce:
         """
         shape = self._domain.n_cells, len(self._domain.element.facets), self._components
         held = np.zeros(shape, dtype=bool)
-        for condition in self._essential.conditions:
-            facets = self._domain.mesh.facets[condition.given.tag].nodes
-            held[..., condition.given.component] |= self._marked([facets])
+        essential = self._essential
+        places = [(c.given.tag, [c.given.component]) for c in essential.conditions]
+        if essential.constraints is not None:
+            places += essential.constraints.surfaces
+        for tag, components in places:
+            facets = self._domain.mesh.facets[tag].nodes
+            held[..., components] |= self._marked([facets])[..., None]
         return held
 
     def on_rank(self, state: State) -> np.ndarray:

@@ -73,6 +73,14 @@ class SurfaceTerms:
             tuple(self._coupled(surface, term) for surface, term in low_rank if term is not None),
         )
 
+    def exchanges(self, state: State, slope: Slope) -> "SurfaceTangents":
+        """Return the derivative of `residual` by the unknown of the other phase of a porous
+        medium.
+        """
+        found = [(place.surface, place.condition.exchange(state, slope)) for place in self.places]
+        local = tuple((surface, value) for surface, value in found if value is not None)
+        return SurfaceTangents(local, ())
+
     def _coupled(self, surface, term):
         nodal = np.zeros(self._shape)
         surface.add_to(nodal, term.vectors)
@@ -120,14 +128,16 @@ class SurfaceTerms:
 
 @dataclass(frozen=True)
 class SurfaceTangents:
-    """Tangents of facets, (F, Af, k, Af, k) each with its surface, and what couples whole
+    """Tangents of facets, (F, Af, k, Af, l) each with its surface, and what couples whole
     surfaces.
     """
 
     local: tuple[tuple[Surface, np.ndarray], ...]
     coupled: tuple[Coupled, ...]
 
-    def add_to(self, K: np.ndarray, chunk: slice) -> None:
-        """Add those of facets to the tangents (E, A, m, A, m) of a slice of the elements."""
+    def add_to(self, K: np.ndarray, chunk: slice, row: int = 0, column: int = 0) -> None:
+        """Add those of facets to the tangents (E, A, m, A, n) of a slice of the elements, from
+        their components row and column on.
+        """
         for surface, tangent in self.local:
-            surface.add_tangent(K, chunk, tangent)
+            surface.add_tangent(K, chunk, tangent, row, column)

@@ -25,6 +25,7 @@ from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
 from ..phases.loads import BodyForce
 from ..phases.surface_terms import OnSurface
+from ..registry import parameters
 from .conditions import components, dirichlet, essentials, linear_constraints
 from .continuation import LoadFactor
 from .drainage import holds_normal
@@ -207,13 +208,14 @@ class Builder:
         """Return the conditions of a balance on those of some tags, in the order of the scene."""
         return tuple(
             OnSurface(
-                CONDITIONS[name](**{key: self._scaled(value) for key, value in given.items()}),
+                condition(**{key: self._scaled(given[key]) for key in parameters(condition)}),
                 Surface(domain, tag, self.materials),
                 f"boundary.{i}.{name}:{tag}",
             )
             for i, boundary in enumerate(self.scene.boundary)
             for name, given in boundary.surface_conditions().items()
-            if CONDITIONS[name].balance == balance
+            for condition in (CONDITIONS[name], *CONDITIONS[name].beside)
+            if condition.balance == balance
             for tag in boundary.on
             if tag in tags
         )

@@ -29,7 +29,7 @@ def write(simulation: Simulation, directory: Path) -> Path:
             "coupling": coupling.memory(),
             "energy": simulation.energy.state(),
             "measures": simulation.measures.state(),
-            "quantities": simulation.quantities.memory(),
+            "volumes": simulation.quantities.memory(),
             "iterations": loop.iterations,
             "step_control": control.memory() if control else None,
         }

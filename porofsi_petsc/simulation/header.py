@@ -93,7 +93,7 @@ HEADER = {
     "coupling": COUPLING,
     "energy": {field.name: NUMBER for field in fields(Energy)},
     "measures": MEASURES,
-    "quantities?": {"volumes?": [[NUMBER]]},
+    "volumes?": {"*": [NUMBER]},
     "iterations": [COUNT],
     "step_control?": CONTROL,
 }

@@ -29,6 +29,7 @@ from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
 from .conditions import linear_constraints
+from .loads import concentrated_loads
 from .start import put_at_start
 
 # Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for
@@ -211,6 +212,7 @@ class InterfaceBuilder(Builder):
             immersed=bool(self._pores),
             dirichlet=self.displacement(self._solid_tags),
             surfaces=surfaces,
+            loads=concentrated_loads(self.scene, domain, self.components),
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             reaction=not all(

@@ -1,5 +1,6 @@
 """From a scene of porous media to skeleton, pore fluid and their coupling."""
 
+from ..conditions import CONDITIONS
 from ..config import Scene
 from ..coupling.medium import Medium
 from ..coupling.monolithic import MonolithicCoupling
@@ -17,6 +18,7 @@ from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, entries
 from .conditions import AXES, no_slip_nodes, nodes_of
 from .drainage import holds_normal, require_one_drainage
+from .loads import concentrated_loads
 
 SYSTEMS = {"quasi_direct": QuasiDirectSystem, "direct": DirectSystem}
 
@@ -57,6 +59,7 @@ class PorousBuilder(Builder):
             moving_mesh=model.moving_mesh,
             dirichlet=self.displacement(),
             surfaces=surfaces,
+            loads=concentrated_loads(scene, self.domain, self.components),
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,
             reaction=self._is_kept,
@@ -110,14 +113,20 @@ class PorousBuilder(Builder):
         return "scaled" if choice.mass_scaling is not None else choice.split
 
     def _free_tags(self):
-        """Return the surfaces on which the normal stress is given, not the displacement
-        (collective).
+        """Return the surfaces on which the normal stress is given, not the displacement, and the
+        pressure does not push from outside (collective).
         """
         fixed: dict[str, set[int]] = {tag: set() for b in self.scene.boundary for tag in b.on}
         for tag, component, _ in entries(self.scene, "displacement"):
             fixed[tag].add(component)
         mesh = self.mesh
-        for tag in axis_tags(mesh):
+        pushed = [
+            tag
+            for boundary in self.scene.boundary
+            if any(CONDITIONS[name].carries_pressure for name in boundary.surface_conditions())
+            for tag in boundary.on
+        ]
+        for tag in (*axis_tags(mesh), *pushed):
             fixed.pop(tag, None)
         for boundary in self.scene.boundary:
             if boundary.normal_displacement is not None:

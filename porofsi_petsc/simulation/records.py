@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ..output.checkpoint import NAME
 from ..output.fields import FieldWriter
 from ..output.history import History
+from ..output.lines import LineFile
 
 if TYPE_CHECKING:
     from ..output.progress import Progress
@@ -27,6 +28,7 @@ class Records:
         self.progress: Progress  # of who runs
         self._history: History  # by `open`
         self._fields: FieldWriter | None = None
+        self._lines: dict[str, LineFile] = {}
         self._last_checkpoint = time.monotonic()
 
     @property
@@ -41,11 +43,12 @@ class Records:
         self._fields = (
             FieldWriter(self._directory, self._mesh) if self._output.fields_every else None
         )
-        if resumed_at is None:
-            self._history = History(self._directory, columns, comm)
-            return
-        self._history = History.resume(self._directory, columns, comm, resumed_at)
-        if self._fields:
+        self._history = History(self._directory, columns, comm, resumed_at)
+        self._lines = {
+            line.name: LineFile(self._directory, line.name, line.quantities, comm, resumed_at)
+            for line in self._simulation.scene.line
+        }
+        if self._fields and resumed_at is not None:
             self._fields.truncate(resumed_at)
 
     def complete(self) -> None:
@@ -60,12 +63,17 @@ class Records:
                 snapshot.step for snapshot in self._fields.snapshots
             ]:
                 self._write_fields()
+            for name, file in self._lines.items():
+                if file.last != simulation.time:
+                    self._write_line(name)
 
     def start(self) -> None:
         """Write the initial state."""
         with self._simulation.stopwatch.measure("output"):
             self._write_row()
             self._write_fields()
+            for name in self._lines:
+                self._write_line(name)
 
     def after_step(self, simulation: Simulation) -> None:
         """Write what is due after an accepted step; a callback."""
@@ -77,13 +85,18 @@ class Records:
             every = output.fields_every
             if self._fields and every and (step % every == 0 or simulation.finished):
                 self._write_fields()
+            for line in simulation.scene.line:
+                if step % line.every == 0 or simulation.finished:
+                    self._write_line(line.name)
             self.progress.update(step, simulation.time, simulation.loop.iterations[-1])
         if self._checkpoint_due():
             self.checkpoint()
 
     def close(self) -> None:
-        """Close the history."""
+        """Close the history and the lines."""
         self._history.close()
+        for file in self._lines.values():
+            file.close()
 
     def _checkpoint_due(self) -> bool:
         output = self._output
@@ -103,6 +116,10 @@ class Records:
     def _write_row(self) -> None:
         t, *values, iterations = self._simulation.last_row
         self._history.append(t, values, int(iterations))
+
+    def _write_line(self, name: str) -> None:
+        columns = self._simulation.lines.values(name)
+        self._lines[name].append(self._simulation.time, list(columns.values()))
 
     def _write_fields(self) -> None:
         simulation = self._simulation

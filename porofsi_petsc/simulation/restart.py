@@ -18,7 +18,7 @@ from .loop import TimeLoop
 from .measures import Measures
 
 # Sections that decide the state itself; time, output, solver and coupling settings may change.
-FIXED = ("model", "material", "boundary", "body_force", "stabilization", "interface")
+FIXED = ("model", "material", "boundary", "body_force", "load", "stabilization", "interface")
 # Of [reference]: errors before and after belong together.
 COMPARED = ("solution", "load", "length", "frequency", "strain", "speed", "surface")
 

@@ -9,19 +9,13 @@ import numpy as np
 from ..conditions import CONDITIONS
 from ..config import Scene
 from ..config.conditions import excluded_by, named
-from ..errors import InputError, digits
-from ..fem.domain import Domain
+from ..errors import InputError
 from ..mesh.check import require_tags
 from ..mesh.interface import INTERFACE
 from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_multiplicity, locate_facets
-from ..output.probes import Probes
-from ..quantities import OF_STRESS, SURFACES
-from .auto import AnyMedium
+from ..quantities import SURFACES
 
-# a point this near to the fluid, in elements, is on the interface: far above the round-off of its
-# coordinates
-WET = 1e-6
 OF_SOLIDS = ("normal_displacement", "equal_displacement")
 MEANS = {"porous": "porous medium", "solid": "solid", "fluid": "fluid"}
 
@@ -224,42 +218,3 @@ def _require_quantities(scene, entry, phases, place):
                 f"{place}.quantities]: received '{name}' between fluid and porous solid, expected"
                 " surfaces of the boundary"
             )
-
-
-def probes_in(scene: Scene, domain: Domain) -> Probes:
-    """Return the `output.probes.Probes` of a scene, on an interface those of the side of a
-    `fem.Domain` (collective).
-    """
-    points = [(probe.name, probe.at) for probe in scene.probe]
-    return Probes(domain.mesh, points, preferred=domain.row_of_cell >= 0)
-
-
-def is_of_flow(quantity: str) -> bool:
-    """Return whether a quantity of a probe is one of the flow."""
-    return quantity == "p" or quantity.startswith("vf_")
-
-
-def is_of_stress(quantity: str) -> bool:
-    """Return whether a quantity of a probe is one of the stress or strain of the solid."""
-    return quantity in OF_STRESS
-
-
-def check_probes(scene: Scene, coupling: AnyMedium, in_solid: Probes, in_fluid: Probes) -> None:
-    """Raise InputError where a probe of the flow is not in the fluid, or one of the stress not in
-    the solid (collective).
-    """
-    _require_inside(scene, in_fluid, coupling.fluid.domain, is_of_flow, "fluid", "solid")
-    _require_inside(scene, in_solid, coupling.solid.domain, is_of_stress, "solid", "fluid")
-
-
-def _require_inside(scene, probes, domain, concerns, phase, other):
-    inside = probes.evaluate(domain.holds[:, None].astype(float))[:, 0]
-    for i, probe in enumerate(scene.probe):
-        asked = [name for name in probe.quantities if concerns(name)]
-        if asked and inside[i] < 1 - WET:
-            place = ", ".join(digits(c) for c in probe.at)
-            text = (
-                f"received {asked[0]} at ({place}) m in the {other}, expected a point of the"
-                f" {phase}; move the probe or leave it out"
-            )
-            raise InputError(f"{scene.source_path or 'scene'} [probe.{i}]: {text}")

@@ -27,6 +27,7 @@ from .builder import materials_of
 from .checkpoint import write
 from .energy import Energy
 from .fields import Fields
+from .lines import Lines
 from .loop import TimeLoop
 from .measures import Measures
 from .quantities import Quantities
@@ -45,6 +46,7 @@ class Simulation:
     scene : the `Scene`; comm : its ranks; coupling, loop, energy, measures, stopwatch : the parts
     of the solution;
     fields : the nodal `Fields` of the accepted state; quantities : what the history records;
+    lines : the values along the lines of the scene;
     callbacks : functions of the simulation that are called in turn after every accepted step; a
     true value ends `run`.
     """
@@ -77,6 +79,7 @@ class Simulation:
             mesh = mesh or local_mesh(scene, self.comm)
             self.coupling = build_coupling(scene, mesh, self.stopwatch)
             self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
+            self.lines = Lines(scene, self.coupling, self.measures)
             self.quantities = Quantities(scene, self.coupling, self.measures)
         self.energy = Energy()
         self.energy.start(*self.coupling.energies())
@@ -240,7 +243,7 @@ class Simulation:
         """
         text = scene_to_toml(self.scene)
         resume(path, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
-        self.quantities.load(header.get("quantities") or {})
+        self.quantities.load(path, header.get("volumes") or {})
         iterations = self.loop.iterations[-1] if self.loop.iterations else 0
         self._rows = [(self.time, *self.quantities.values(self.time), iterations)]
 

@@ -15,9 +15,9 @@ def stress_values(
     """Return what is asked for of some points, name -> (n,).
 
     stress, strain : effective stress σ_E [Pa] and strain [-], (n, 6) in the order of
-    `quantities.TENSOR`; p : (n,) [Pa].  total is σ_E - p I; mean_effective_stress p' = -tr σ_E/3,
-    positive in compression; von_mises q = √(3/2 s:s), s the deviator; principal_1 >= principal_2 >=
-    principal_3, positive in tension.
+    `quantities.TENSOR`; p : (n,) [Pa], of compressible grains α p.  total is σ_E - p I;
+    mean_effective_stress p' = -tr σ_E/3, positive in compression; von_mises q = √(3/2 s:s), s the
+    deviator; principal_1 >= principal_2 >= principal_3, positive in tension.
     """
     total = stress.copy()
     total[:, DIAGONAL] -= p[:, None]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from ..config import Scene
+from ..errors import InputError
 from ..fem.boundary import has_facets
 from ..fem.domain import Domain
 from ..fem.surface_integrals import SurfaceIntegrals
@@ -45,6 +47,7 @@ class Surfaces:
             self._forces = of_kind(coupling, on)
         self._flow_rows, on = self._having({"flow_rate", "volume"})
         self._seepage = PorousFlows(self._coupling, on) if on and self._porous else None
+        self._volume_rows = self._having({"volume"})[0]
         self.volumes = self._new_volumes()
 
     def _domain(self, tags):
@@ -57,17 +60,43 @@ class Surfaces:
         return {i: row for row, i in enumerate(found)}, [self._entries[i].on for i in found]
 
     def _new_volumes(self) -> Volumes | None:
-        if not self._having({"volume"})[1]:
+        if not self._volume_rows:
             return None
         if self._porous:
-            return SeepageVolumes(len(self._flow_rows))
-        return FlowVolumes(self._rates(0.0))
+            return SeepageVolumes(len(self._volume_rows))
+        return FlowVolumes(self._rates_of_volumes(0.0))
+
+    def _rates_of_volumes(self, t):
+        rates = self._rates(t, collocated=True)
+        return rates[[self._flow_rows[i] for i in self._volume_rows]]
+
+    def memory(self) -> dict[str, list[float]]:
+        """Return what a restart needs, by the name of the surface."""
+        if self.volumes is None:
+            return {}
+        parts = np.transpose(self.volumes.state()).tolist()
+        return {self._entries[i].name: parts[row] for i, row in self._volume_rows.items()}
+
+    def load(self, path: Path, memory: dict[str, list[float]]) -> None:
+        """Continue from `memory`, of the checkpoint of a path; raises InputError where it has no
+        volume of a surface.
+        """
+        if self.volumes is None:
+            return
+        names = [self._entries[i].name for i in self._volume_rows]
+        missing = [name for name in names if name not in memory]
+        if missing:
+            raise InputError(
+                f"{path}: received the quantity 'volume' of '{missing[0]}', which the run of the"
+                " checkpoint had not, expected its own; leave it out, or start anew"
+            )
+        self.volumes.load(np.transpose([memory[name] for name in names]).tolist())
 
     def advance(self, t: float) -> None:
         """Add what has flown through the surfaces in the step that ends at t [s] (collective)."""
         if self.volumes:
             scheme = self._coupling.solid.scheme
-            self.volumes.add(scheme, self._rates(t, collocated=True))
+            self.volumes.add(scheme, self._rates_of_volumes(t))
 
     def at(self, t: float) -> list[float]:
         """Return the values at the present time t [s], in the order of the columns (collective)."""
@@ -103,11 +132,12 @@ class Surfaces:
         return self._force(i) - self._pore_force(i) if self._found.any() else 0 * self._force(i)
 
     def _pore_force(self, i):
-        return self._sum(self._integrals[i].normal(self._positions, self._coupling.fluid.p))
+        borne = self._coupling.fluid.borne_pressure
+        return self._sum(self._integrals[i].normal(self._positions, borne))
 
     def _volume(self, i):
         assert self.volumes is not None  # of an entry with it
-        return self.volumes.values[self._flow_rows[i]]
+        return self.volumes.values[self._volume_rows[i]]
 
     def _area(self, i):
         return self._sum(np.array(self._integrals[i].area(self._positions)))

@@ -1,0 +1,166 @@
+"""The quantities of probes and lines at their points."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..config import Scene
+from ..errors import InputError, digits
+from ..fem.domain import Domain
+from ..output.probes import Probes
+from ..quantities import OF_STRESS, QUANTITIES, TENSORS
+from .auto import AnyMedium
+from .fields import Fields
+from .measures import Measures
+from .stresses import stress_values
+
+AXES = {"x": 0, "y": 1, "z": 2}
+# a point this near to the fluid, in elements, is on the interface: far above the round-off of its
+# coordinates
+WET = 1e-6
+
+
+class Place(NamedTuple):
+    """A point of the reference configuration [m] and what is asked for there; key : of its entry in
+    the scene.
+    """
+
+    key: str
+    name: str
+    at: Sequence[float] | np.ndarray
+    quantities: Sequence[str]
+
+
+class PointValues:
+    """The values of quantities at some points in the accepted state."""
+
+    def __init__(
+        self, scene: Scene, coupling: AnyMedium, measures: Measures, places: Sequence[Place]
+    ) -> None:
+        """Find the points; raises InputError where one is outside of what it measures
+        (collective).
+        """
+        self._scene = scene
+        self._coupling = coupling
+        self._measures = measures
+        self._mesh = coupling.solid.mesh
+        self._asked = {quantity for place in places for quantity in place.quantities}
+        self._in_solid, self._in_fluid = (
+            _probes_in(phase.domain, places) for phase in (coupling.solid, coupling.fluid)
+        )
+        where = scene.source_path or "scene"
+        of_flow = _Phase("fluid", "solid", coupling.fluid.domain, self._in_fluid)
+        of_stress = _Phase("solid", "fluid", coupling.solid.domain, self._in_solid)
+        of_flow.require(places, _is_of_flow, where)
+        of_stress.require(places, OF_STRESS.__contains__, where)
+
+    def values(self) -> dict[str, np.ndarray]:
+        """Return quantity -> values at all points, (n,) (collective)."""
+        fields = self._fields()
+        values = self._own_values() | self._stress_values()
+        for quantity in self._asked - QUANTITIES.keys() - set(OF_STRESS):
+            name, _, axis = quantity.rpartition("_") if quantity != "n_f" else (quantity, "", "")
+            column = AXES.get(axis, 0) if quantity != "p" else 0
+            values[quantity] = fields[name or quantity][:, column]
+        return values
+
+    def _own_values(self):
+        """Return the values of registered quantities at all points, name -> (n,)."""
+        places = {"solid": self._in_solid, "fluid": self._in_fluid}
+        fields = Fields(self._scene, self._coupling, self._measures)
+        found = {}
+        for name in sorted(self._asked & QUANTITIES.keys()):
+            quantity = QUANTITIES[name]()
+            values = np.asarray(quantity.values(fields), dtype=float)
+            if values.shape != (self._mesh.n_owned,):
+                raise InputError(
+                    f"probe quantity '{name}': received values of shape {values.shape}, expected"
+                    f" ({self._mesh.n_owned},), a number for each node"
+                )
+            nodal = self._mesh.halo.extend(values[:, None])
+            found[name] = places[quantity.behind].evaluate(nodal)[:, 0]
+            if not np.isfinite(found[name]).all():
+                raise InputError(
+                    f"probe quantity '{name}': received a value that is not finite at a probe,"
+                    " expected numbers"
+                )
+        return found
+
+    def _stress_values(self):
+        """Return the stresses and strains at all points, name -> (n,): those of the averages
+        at nodes.
+        """
+        asked = self._asked & set(OF_STRESS)
+        if not asked:
+            return {}
+        u = self._coupling.solid.u
+        zero = np.zeros((self._mesh.n_owned, 6))
+        of_strain = asked & set(TENSORS["strain"])
+        nodal = [
+            self._measures.stress(u) if asked - of_strain else zero,
+            self._measures.strain(u) if of_strain else zero,
+        ]
+        borne = self._coupling.fluid.borne_pressure
+        fields = np.column_stack([self._mesh.halo.extend(np.hstack(nodal)), borne])
+        at = self._in_solid.evaluate(fields)
+        return stress_values(asked, at[:, :6], at[:, 6:12], at[:, 12])
+
+    def _fields(self):
+        """Return the values of every field that is asked for, name -> (n, k)."""
+        coupling = self._coupling
+        fluid = self._coupling.fluid
+        asked = self._asked - QUANTITIES.keys() - set(OF_STRESS)
+        wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for q in asked}
+        arrays = {
+            "u": coupling.displacement(),
+            "v": coupling.velocity(),
+            "vf": fluid.v,
+            "p": fluid.p[:, None],
+        }
+        if "n_f" in wanted:
+            arrays["n_f"] = self._mesh.halo.extend(
+                self._measures.porosity(coupling.accepted_mesh_state())
+            )
+        of_solid = {"u", "v"}
+        return {
+            n: (self._in_solid if n in of_solid else self._in_fluid).evaluate(arrays[n])
+            for n in sorted(wanted)
+        }
+
+
+def _probes_in(domain: Domain, places: Sequence[Place]) -> Probes:
+    """Return the `Probes` of some places, on an interface those of the side of a domain
+    (collective).
+    """
+    points = [(place.name, place.at) for place in places]
+    table = f"[[{places[0].key.partition('.')[0]}]]" if places else ""
+    return Probes(domain.mesh, points, domain.row_of_cell >= 0, table)
+
+
+def _is_of_flow(quantity: str) -> bool:
+    return quantity == "p" or quantity.startswith("vf_")
+
+
+class _Phase(NamedTuple):
+    """One of the phases, where quantities of its own are looked for."""
+
+    name: str
+    other: str
+    domain: Domain
+    probes: Probes
+
+    def require(self, places, concerns, where):
+        """Raise InputError where a place of quantities that concern the phase is not in it
+        (collective).
+        """
+        inside = self.probes.evaluate(self.domain.holds[:, None].astype(float))[:, 0]
+        for i, place in enumerate(places):
+            asked = [name for name in place.quantities if concerns(name)]
+            if asked and inside[i] < 1 - WET:
+                point = ", ".join(digits(c) for c in place.at)
+                text = (
+                    f"received {asked[0]} at ({point}) m in the {self.other}, expected a point of"
+                    f" the {self.name}; move the {place.key.partition('.')[0]} or leave it out"
+                )
+                raise InputError(f"{where} [{place.key}]: {text}")
