@@ -81,13 +81,20 @@ class PorousForces:
         tags.
         """
         self._coupling = coupling
-        no_slip = coupling.fluid.setup.no_slip
-        self._surfaces = [MixtureForce.on(coupling.solid.setup, tags, no_slip) for tags in surfaces]
+        self._tags = surfaces
+        self._find()
+
+    def _find(self):
+        self._setup = self._coupling.solid.setup
+        no_slip = self._coupling.fluid.setup.no_slip
+        self._surfaces = [MixtureForce.on(self._setup, tags, no_slip) for tags in self._tags]
 
     def at(self, t: float) -> np.ndarray:
         """Return the forces; see `Forces.at`."""
         solid = self._coupling.solid
         fluid = self._coupling.fluid
+        if self._setup is not solid.setup:  # an "auto" term was switched on
+            self._find()
         state = porous_state(self._coupling, solid.force + fluid.force, t)
         given = solid.surfaces.given(OnSurfaces(t, solid.u, solid.v))
         if not self._are_known(state.residual):
@@ -108,7 +115,12 @@ class PorousFlows:
         tags.
         """
         self._coupling = coupling
-        self._surfaces = [SeepageFlow.on(coupling.fluid.setup, tags) for tags in surfaces]
+        self._tags = surfaces
+        self._find()
+
+    def _find(self):
+        self._setup = self._coupling.fluid.setup
+        self._surfaces = [SeepageFlow.on(self._setup, tags) for tags in self._tags]
 
     def at(self, t: float, collocated: bool = False) -> np.ndarray:
         """Return the rates of this rank at the present time t, (surfaces,) [m³/s], zero before the
@@ -117,6 +129,8 @@ class PorousFlows:
         """
         fluid = self._coupling.fluid
         solid = self._coupling.solid
+        if self._setup is not fluid.setup:  # an "auto" term was switched on
+            self._find()
         outflow = fluid.collocated_outflow if collocated else fluid.outflow
         known = solid.mesh.comm.allreduce(bool(outflow.any()), MPI.LOR)
         given = fluid.fluxes.given(OnSurfaces(t, solid.u, fluid.v))
