@@ -135,7 +135,8 @@ SKEW = [[-0.7, -0.43, 0.04], [0.61, 0.57, 0.41]]
 @needs_mpirun
 def test_the_force_is_the_same_on_any_number_of_ranks(tmp_path):
     """A line across the cells: its support takes all of it, whatever the ranks."""
-    jobs = [Job(BAR, str(tmp_path / str(n)), slab("'1e-3*(1 + x)'", SKEW)) for n in (1, 2, 3)]
+    coarse = (*slab("'1e-3*(1 + x)'", SKEW), "mesh.x.cells=[3]", "mesh.y.cells=[3]")
+    jobs = [Job(BAR, str(tmp_path / str(n)), coarse) for n in (1, 2, 3)]
     run_here(jobs[0])
     run_on(2, jobs[1:2], tmp_path)
     run_on(3, jobs[2:], tmp_path)

@@ -183,5 +183,9 @@ def test_on_a_flat_surface_it_is_a_traction(name, scene, field, surface, tractio
 
 def test_it_is_refused_where_it_has_no_effect(tmp_path):
     message = r"boundary.0.dead_pressure\]: tag 'bottom' has a prescribed normal displacement"
+    changes = ("boundary.0.dead_pressure=1.0",)
     with pytest.raises(InputError, match=message):
-        run_here(Job(BAR, str(tmp_path), ("boundary.0.dead_pressure=1.0",)))
+        run_here(Job(BAR, str(tmp_path), changes))
+    normal = "boundary.0={on='bottom', normal_displacement=0.0}"
+    with pytest.raises(InputError, match=message):
+        run_here(Job(BAR, str(tmp_path), (normal, *changes)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from running import SCENES, Job, history, run_here
+from running import SCENES, Job, history, needs_mpirun, run_here, run_on
 
 from porofsi_petsc.errors import InputError
 
@@ -241,3 +241,45 @@ def test_an_undrained_pulse_leaves_a_compressible_column(tmp_path):
     error = np.abs(found["A.v_y"] - exact).max() / np.abs(exact).max()
     print(f"largest error {error:.2%} of the pulse")
     assert error < 0.05
+
+
+COLUMN = (
+    "boundary=[{on='bottom', absorbing={}},"
+    f" {{on='top', traction={{y='1e-3*{RICKER}'}}, pressure=0.0}},"
+    " {on=['left', 'right'], displacement={x=0.0}}]",
+    soil(FREE),
+    *POROUS,
+    *COARSE,
+    "coupling.scheme=direct",
+    "time.step=0.015625",
+    "time.end=1.25",
+    "probe=[{name='A', at=[0.125, 1.0], quantities=['v_y']},"
+    " {name='B', at=[0.125, 0.0], quantities=['v_y', 'p', 'vf_y']}]",
+    "force=[{name='base', on='bottom'}]",
+)
+
+
+def test_force_and_flow_on_the_surface_of_a_saturated_column(tmp_path):
+    """The mixture pushes with Z v - p, and the total flux is zero."""
+    found = run(tmp_path, *COLUMN)
+    v, p = found["B.v_y"], found["B.p"]
+    force = 0.25 * (np.sqrt(16 * masses("P")) * v - p)
+    size = np.abs(force).max()
+    assert np.abs(found["base.f_y"] - force).max() < 0.03 * size  # at nodes, not over the surface
+    flux = N_S * v + (1 - N_S) * found["B.vf_y"]
+    assert np.abs(flux).max() < 0.02 * np.abs(v).max()
+
+
+@needs_mpirun
+def test_restart_and_ranks_give_the_same(tmp_path):
+    short = (*COLUMN, "time.end=0.75")
+    half = (*COLUMN, "time.end=0.5", "output.checkpoint_every=32")
+    run_here(Job(BAR, str(tmp_path / "half"), half))
+    restart = str(tmp_path / "half/checkpoint.h5")
+    run_here(Job(BAR, str(tmp_path / "rest"), short, restart=restart))
+    run_here(Job(BAR, str(tmp_path / "whole"), short))
+    run_on(2, [Job(BAR, str(tmp_path / "two"), short)], tmp_path)
+    whole, rest, two = (history(tmp_path / name) for name in ("whole", "rest", "two"))
+    for name in ("A.v_y", "B.v_y", "B.p"):
+        assert rest[name][-1] == whole[name][-1]
+        assert np.abs(two[name] - whole[name]).max() < 1e-6 * np.abs(whole[name]).max()

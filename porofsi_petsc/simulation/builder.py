@@ -226,11 +226,18 @@ class Builder:
         """Raise InputError where the normal component of a prescribed quantity leaves a condition
         that wants it free without effect (collective).
         """
+        normal = {
+            tag
+            for boundary in self.scene.boundary
+            if quantity == "displacement" and boundary.normal_displacement is not None
+            for tag in boundary.on
+        }
         for place in surfaces:
-            held = sorted({entry.component for entry in given if entry.tag == place.surface.tag})
+            tag = place.surface.tag
+            held = sorted({entry.component for entry in given if entry.tag == tag})
             wants = place.condition.wants_normal_motion
-            if wants and holds_normal(self.mesh, place.surface.tag, held):
-                key, _, tag = place.key.rpartition(":")
+            if wants and (tag in normal or holds_normal(self.mesh, tag, held)):
+                key = place.key.rpartition(":")[0]
                 raise InputError(
                     f"{self.scene.source_path or 'scene'} [{key}]: tag '{tag}' has a prescribed"
                     f" normal {quantity}, beside which it is without effect; prescribe the"

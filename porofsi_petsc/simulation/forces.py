@@ -96,7 +96,7 @@ class PorousForces:
         if self._setup is not solid.setup:  # an "auto" term was switched on
             self._find()
         state = porous_state(self._coupling, solid.force + fluid.force, t)
-        given = solid.surfaces.given(OnSurfaces(t, solid.u, solid.v))
+        given = solid.surfaces.given(OnSurfaces(t, solid.u, solid.v, p=fluid.p))
         if not self._are_known(state.residual):
             return np.zeros((len(self._surfaces), solid.mesh.dim))
         state = state._replace(given=given)
@@ -133,7 +133,7 @@ class PorousFlows:
             self._find()
         outflow = fluid.collocated_outflow if collocated else fluid.outflow
         known = solid.mesh.comm.allreduce(bool(outflow.any()), MPI.LOR)
-        given = fluid.fluxes.given(OnSurfaces(t, solid.u, fluid.v))
+        given = fluid.fluxes.given(OnSurfaces(t, solid.u, fluid.v, v_s=solid.v))
         if not known:
             return np.zeros(len(self._surfaces))
         state = porous_state(self._coupling, outflow, t)._replace(given=given)
