@@ -584,12 +584,29 @@ def test_facet_of_no_cell_and_doubled_cell(tmp_path):
 def test_bent_plane_mesh_and_infinite_coordinates(tmp_path):
     mesh = MESHES["T3"]
     bent = np.column_stack([mesh.points, mesh.points[:, 0]])
-    refused_groups(tmp_path, bent, blocks(mesh), "z coordinates of the 2-D mesh vary from 0 to 2 m")
+    message = "the nodes of the 2-D mesh span 2 x 2 x 2 m, expected a plane in which x, y or z is"
+    refused_groups(tmp_path, bent, blocks(mesh), message)
     broken = mesh.points.copy()
     broken[3, 0] = np.nan
     refused_groups(
         tmp_path, broken, blocks(mesh), r"node 3 \(counted from 0\) has the coordinates \(nan,"
     )
+
+
+@pytest.mark.parametrize("far", [0.0, 1048576.0])
+@pytest.mark.parametrize("axes", [(0, 1), (0, 2), (1, 2)], ids=["xy", "xz", "yz"])
+def test_a_plane_mesh_in_another_plane_and_unit(tmp_path, axes, far):
+    """A node of no cell may lie beside the plane."""
+    mesh = MESHES["Q9"]
+    points = np.full((len(mesh.points) + 1, 3), 7.0)
+    points[:-1, axes] = 512 * mesh.points + far
+    points[-1] = 0.0
+    write22(tmp_path / "a.msh", points, blocks(mesh))
+    read = read_mesh(tmp_path / "a.msh", 2, Reading(scale=1 / 512))
+    assert np.array_equal(read.points, mesh.points + far / 512)
+    assert same_facets(read.facets, mesh.facets)
+    said = " and ".join("xyz"[i] for i in axes) + " of the file are x and y here"
+    assert (said in read.notes) == (axes != (0, 1))
 
 
 @pytest.mark.parametrize("node", [10**12, -1])

@@ -308,6 +308,7 @@ class MeshFile(Meshed):
     path: Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
     dim: Literal[2, 3]
     axisymmetric: Flag = False
+    scale: Positive = 1.0
     array: Tag | None = None
     groups: Annotated[tuple[Tag, ...], ListOf(), AfterValidator(distinct)] = ()
 

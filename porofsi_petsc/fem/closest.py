@@ -64,6 +64,7 @@ def _closest_on_facets(element, X, x):
 
     It is a stationary point of the distance on the facet, on one of its edges, or a vertex.
     """
+    X, x = X - X[:, :1], x - X[:, 0]  # digits far from the origin
     best = np.zeros((len(x), element.dim))
     least = np.full(len(x), np.inf)
     for part in element.cell.parts:

@@ -29,7 +29,8 @@ def facet_normal(dN: np.ndarray, weights: np.ndarray, coordinates: np.ndarray) -
 
 def _tangents(dN, coordinates):
     """Return dx_i/dxi_m, (F, Q', d, d - 1) [m]."""
-    return np.swapaxes(coordinates, 1, 2)[:, None] @ dN
+    along = coordinates - coordinates[:, :1]  # digits, see `fem.geometry`
+    return np.swapaxes(along, 1, 2)[:, None] @ dN
 
 
 def facet_normal_by_positions(

@@ -15,6 +15,7 @@ from .topology import facet_multiplicity, group_rows, locate_facets, shares, tim
 # det of the edge vectors over (longest edge)^d, at most this for a degenerate element: far under
 # any graded mesh, over round-off
 DEGENERATE = 1e-12
+PLANE = 1e-9  # of the size of a plane mesh, by which its nodes may lie beside the plane
 JACOBIAN_CHUNK = 20000
 Where = str | Path  # what is named in a message: a file or a section
 
@@ -110,22 +111,34 @@ def volume_element(blocks: Sequence[tuple[str, int]], dim: int, where: Where) ->
     return supported[kinds[0]] if kinds[0] in supported and len(kinds) == 1 else holds_all[0]
 
 
-def plane_points(points: np.ndarray, dim: int, where: Where) -> np.ndarray:
-    """Return points (N, >= dim) without the constant z coordinate of a plane mesh, (N, dim)."""
-    if not np.isfinite(points).all():
-        first = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
+def plane_points(
+    points: np.ndarray, used: np.ndarray, dim: int, where: Where
+) -> tuple[np.ndarray, str]:
+    """Return points (N, >= dim) without the constant coordinate of a plane mesh, (N, dim), and the
+    names of those that are left; of a solid mesh as they are.
+
+    used : numbers of the nodes of cells, among which the coordinate is constant.
+    """
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        first = np.flatnonzero(~finite)[0]
         raise InputError(
             f"{where}: node {first} (counted from 0) has the coordinates {place(points[first])};"
             " write finite ones"
         )
-    extra = points[:, dim:]
-    if extra.size and np.ptp(extra) > 1e-9 * max(np.ptp(points, axis=0)):
-        span = f"{extra.min():g} to {extra.max():g} m"
-        raise InputError(
-            f"{where}: the z coordinates of the 2-D mesh vary from {span}; put it into a plane z ="
-            " constant"
-        )
-    return np.ascontiguousarray(points[:, :dim], dtype=float)
+    kept = list(range(points.shape[1]))
+    if dim < len(kept):
+        spans = np.ptp(points[used], axis=0)
+        round_off = PLANE * spans.max() + 8 * np.finfo(float).eps * np.abs(points[used]).max()
+        flat = np.flatnonzero(spans <= round_off)
+        if not len(flat):
+            x, y, z = (f"{span:.3g}" for span in spans)
+            raise InputError(
+                f"{where}: the nodes of the 2-D mesh span {x} x {y} x {z} m, expected a plane in"
+                " which x, y or z is constant; turn the mesh into one"
+            )
+        kept.remove(flat[-1])
+    return np.ascontiguousarray(points[:, kept], dtype=float), "".join("xyz"[i] for i in kept)
 
 
 def oriented(points: np.ndarray, cells: np.ndarray, element: Element, where: Where) -> np.ndarray:

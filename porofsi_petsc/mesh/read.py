@@ -25,11 +25,12 @@ class Reading:
 
     array : the array over the cells with the numbers of the groups, None where the file decides.
     groups : the names of the groups that count, all if empty; a cell or facet in several of them
-    belongs to the first.
+    belongs to the first.  scale : metres in the unit of length of the file.
     """
 
     array: str | None = None
     groups: Sequence[str] = ()
+    scale: float = 1.0
 
 
 @dataclass
@@ -79,32 +80,42 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
     """
     path = Path(path)
     reading = reading or Reading()
-    check.require_file(path)
-    source = read_source(path)
-    check.require_arrays(source.points, [block.data for block in source.blocks], dim, path)
-    source, prisms = cut_prisms(source, path)
-    source, quadratic = cut_quadratic(source, dim)
+    chosen = bool(reading.groups)
+    source, notes = _source(path, dim)
     blocks = [block for block in source.blocks if len(block.data)]
     element = check.volume_element([(block.type, block.dim) for block in blocks], dim, path)
-    points = check.plane_points(source.points, dim, path)
     sets, node_sets = named_sets(source, reading.array, reading.groups, path)
     cells, of_cells = _gather(source.blocks, sets, element, [element])
     tagged, of_tagged = _gather(source.blocks, sets, element.facet, _facets_of_all_orders(element))
-    check.require_known_nodes(points, cells, path)
-    check.require_known_nodes(points, tagged, path, "facet")
-    body = _Body(path, element, points, cells, [note for note in (prisms, quadratic) if note])
-    if not reading.groups and any(name in of_cells for name in source.sections):
+    points, axes = check.plane_points(source.points, np.unique(cells), dim, path)
+    if not axes.startswith("xy"):
+        notes.append(f"{axes[0]} and {axes[1]} of the file are x and y here")
+    body = _Body(path, element, points * reading.scale, cells, notes)
+    if not chosen and any(name in of_cells for name in source.sections):
         of_cells = {name: of_cells[name] for name in source.sections if name in of_cells}
-    names, cell_region = _regions(body, of_cells, bool(reading.groups))
+    names, cell_region = _regions(body, of_cells, chosen)
     number = _drop_orphans(body)
     body.require_usable()
-    tagged = number[tagged]
-    found = {
-        name: _located(body, tagged[rows], name) for name, rows in of_tagged.items()
-    } | _facets_of_nodes(body, node_sets, number)
-    facets = _named_facets(body, found, bool(reading.groups))
-    notes = tuple(body.notes)
-    return Mesh(body.points, body.cells, element, names, cell_region, facets, notes)
+    found = {name: _located(body, number[tagged[rows]], name) for name, rows in of_tagged.items()}
+    found = _facets_of_nodes(body, node_sets, number) | found
+    first = {name: i for i, name in enumerate(reading.groups)}
+    found = dict(sorted(found.items(), key=lambda entry: first.get(entry[0], 0)))
+    facets = _named_facets(body, found, chosen)
+    return Mesh(body.points, body.cells, element, names, cell_region, facets, tuple(body.notes))
+
+
+def _source(path, dim):
+    """Return the content of a file with cells that elements have, and sentences on what was cut."""
+    check.require_file(path)
+    source = read_source(path)
+    check.require_arrays(source.points, [block.data for block in source.blocks], dim, path)
+    for what, of_dim in (("cell", dim), ("facet", dim - 1)):
+        for block in source.blocks:
+            if block.dim == of_dim:
+                check.require_known_nodes(source.points, block.data, path, what)
+    source, prisms = cut_prisms(source, path)
+    source, quadratic = cut_quadratic(source, dim)
+    return source, [note for note in (prisms, quadratic) if note]
 
 
 def _facets_of_all_orders(element):

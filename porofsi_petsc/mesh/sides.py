@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..elements import Element
 from ..errors import InputError
@@ -115,7 +114,11 @@ def require_joined(
 
     points : (N, d) [m].  corners : (F, V) of all boundary facets.  nameless : (F,) bool
     """
+    from scipy.spatial import cKDTree  # slow to import; meshes whose boundary has names need none
+
     bare = corners[nameless]
+    if not len(bare):
+        return
     X = points[bare]
     centres = X.mean(axis=1)
     size = np.linalg.norm(X - centres[:, None], axis=2).max(axis=1, initial=0)
@@ -140,6 +143,8 @@ def require_joined(
 
 def _hanging(points, facets, vertices, centres, size):
     """Return which of the vertices (n,) lie on one of the facets (F, V) and are none of its own."""
+    from scipy.spatial import cKDTree
+
     near = cKDTree(points[vertices]).query_ball_point(centres, size)
     facet = np.repeat(np.arange(len(facets)), [len(found) for found in near])
     node = vertices[np.concatenate([np.empty(0, dtype=np.int64), *near]).astype(np.int64)]

@@ -33,7 +33,7 @@ def serial_mesh(scene: Scene) -> Mesh:
     section = scene.mesh
     where = str(scene.source_path or "scene")
     mesh = (
-        read_mesh(section.path, section.dim, Reading(section.array, section.groups))
+        read_mesh(section.path, section.dim, Reading(section.array, section.groups, section.scale))
         if section.kind == "file"
         else _generated(section, where)
     )
