@@ -49,6 +49,7 @@ TABLES = {
     "material.fluid": material.Fluid,
     "material.permeability": material.Permeability,
     "[[boundary]]": conditions.Boundary,
+    "boundary.inflow": conditions.Inflow,
     "[body_force]": conditions.BodyForce,
     "[[body_force]]": conditions.RegionalForce,
     "[[load]]": sections.Load,

@@ -36,7 +36,7 @@ CONDITIONS = Registry(
         "backflow": Backflow,
         "windkessel": Windkessel,
     },
-    reserved=("on", "displacement", "velocity", "pressure", "no_slip", "priority"),
+    reserved=("on", "displacement", "velocity", "inflow", "pressure", "no_slip", "priority"),
     taken=[name for name in dir(SurfaceCondition) if not name.startswith("_")] + ["surface"],
     check=check_condition,
 )

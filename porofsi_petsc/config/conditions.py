@@ -3,27 +3,79 @@ what.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import pydantic
-from pydantic import Discriminator, Field, GetCoreSchemaHandler, Strict, create_model
+from pydantic import (
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    Strict,
+    create_model,
+    model_validator,
+)
 from pydantic_core import CoreSchema
 
 from ..conditions import CONDITIONS, SurfaceCondition
 from ..conditions.condition import Kind
 from ..errors import shown
 from ..registry import Parameter, parameters
-from .types import Axes, Flag, Formula, ListOf, Number, Table, Tag, Tags, Vector, wrong
+from .types import (
+    Axes,
+    Count,
+    Flag,
+    Formula,
+    ListOf,
+    Number,
+    Positive,
+    Table,
+    Tag,
+    Tags,
+    Vector,
+    wrong,
+)
 
 VECTORS = ("displacement", "velocity")
+MOST_HARMONICS = 400
+
+
+class Inflow(Table):
+    """A flow into a free fluid, Q [m³/s, in 2-D m²/s], with a profile of the inlet's section.
+
+    period : after which Q is repeated [s]; harmonics : of it that have profiles of their own.
+    """
+
+    flow_rate: Formula
+    profile: Literal["parabolic", "plug", "womersley"] = "parabolic"
+    period: Positive | None = None
+    harmonics: Annotated[Count, Field(le=MOST_HARMONICS)] | None = None
+
+    @model_validator(mode="after")
+    def _of_profile(self):
+        used = self.flow_rate.names - {"t"}
+        if used and self.flow_rate.function is None:
+            raise wrong(
+                f"received {shown(self.flow_rate.source)}, expected a function of t alone: the"
+                " profile follows from the section",
+                "flow_rate",
+            )
+        if self.profile == "womersley" and self.period is None:
+            raise wrong("received nothing, expected the period of a womersley profile", "period")
+        if self.profile != "womersley" and self.harmonics is not None:
+            raise wrong(
+                f"received {self.harmonics} with profile = '{self.profile}', expected none;"
+                " leave it out",
+                "harmonics",
+            )
+        return self
 
 
 class Boundary(Table):
     """Conditions on tagged surfaces; what is absent is free, and impermeable (v_f.n = v_s.n).
 
     displacement [m], its component along the outward normal [m], components that all nodes have in
-    common; velocity of the fluid phase [m/s], pressure [Pa]; no_slip: v_f = v_s in all components;
-    priority: which entry holds at a node of several.  Each condition of
+    common; velocity of the fluid phase [m/s], flow into a free fluid, pressure [Pa]; no_slip: v_f =
+    v_s in all components; priority: which entry holds at a node of several.  Each condition of
     `conditions.CONDITIONS` is one key more, see `boundary_table`.
     """
 
@@ -32,6 +84,7 @@ class Boundary(Table):
     normal_displacement: Formula | None = None
     equal_displacement: Axes = ()
     velocity: Vector = Vector()
+    inflow: Inflow | None = None
     pressure: Formula | None = None
     no_slip: Flag = False
     priority: Annotated[int, Strict()] = 0
@@ -44,6 +97,7 @@ class Boundary(Table):
         names = [name for key, vector in essential.items() for name in _components(key, vector)]
         names += ["normal_displacement"] * (self.normal_displacement is not None)
         names += [f"equal_displacement.{axis}" for axis in self.equal_displacement]
+        names += ["inflow"] * (self.inflow is not None)
         names += ["pressure"] * (self.pressure is not None) + ["no_slip"] * self.no_slip
         for key in self.surface_conditions():
             value = getattr(self, key)
@@ -209,6 +263,12 @@ def check_boundaries(boundaries: Sequence[Boundary], brinkman: bool, porous: boo
 
 def _require_porous(boundary: Boundary, key: str) -> None:
     """Refuse a condition that no surface of a porous medium has."""
+    if boundary.inflow is not None:
+        raise wrong(
+            "received one with porous materials, expected a surface of a free fluid; prescribe a"
+            " flux",
+            f"{key}.inflow",
+        )
     for name in boundary.surface_conditions():
         condition: type[SurfaceCondition] = CONDITIONS[name]
         if "porous" not in condition.behind:
@@ -246,6 +306,8 @@ def _exclusions(kind: Kind) -> Iterator[tuple[str, str]]:
     if kind == "porous":
         yield from ((f"velocity.{c}", "no_slip") for c in "xyz")
         yield "pressure", "no_slip"
+    if kind == "fluid":
+        yield from (("inflow", f"{name}.{c}") for name in ("velocity", "traction") for c in "xyz")
     condition: type[SurfaceCondition]
     for name, condition in CONDITIONS.items():
         vector = "value" in (found := parameters(condition)) and found["value"].kind == "vector"

@@ -11,6 +11,8 @@ FLOWS = (
     "kovasznay",
     "taylor_green",
     "ethier_steinman",
+    "womersley_channel",
+    "womersley_pipe",
 )  # of a free fluid; the others are of a porous medium
 Solution = Literal[
     "column_step",
@@ -27,8 +29,10 @@ Solution = Literal[
     "kovasznay",
     "taylor_green",
     "ethier_steinman",
+    "womersley_channel",
+    "womersley_pipe",
 ]
-HARMONIC = ("column_harmonic", "seabed")
+HARMONIC = ("column_harmonic", "seabed", "womersley_channel", "womersley_pipe")
 UNLOADED = ("selfweight", "unconfined", *FLOWS)
 
 

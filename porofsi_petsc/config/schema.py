@@ -279,6 +279,7 @@ class Scene(Table):
                     f"model.{term}",
                 )
         self._check_viscosity()
+        self._check_inflows()
         self._check_moving_mesh()
         if any(material.kind == "porous" for material in self.material):
             self._check_pores_beside_fluid()
@@ -382,6 +383,19 @@ class Scene(Table):
                 raise wrong(
                     f"{received}, expected true, or a fluid without viscosity", "model.viscosity"
                 )
+
+    def _check_inflows(self):
+        """Refuse a profile that oscillates where the fluid has no inertia or no viscosity."""
+        for i, boundary in enumerate(self.boundary):
+            if boundary.inflow is None or boundary.inflow.profile != "womersley":
+                continue
+            for term in ("fluid_inertia", "viscosity"):
+                if not getattr(self.model, term):
+                    raise wrong(
+                        f"received 'womersley' with model.{term} = false, expected true, or the"
+                        f" profile '{'parabolic' if term == 'fluid_inertia' else 'plug'}'",
+                        f"boundary.{i}.inflow.profile",
+                    )
 
     def _check_no_porosity(self):
         for i, probe in enumerate(self.probe):
@@ -583,6 +597,7 @@ class Scene(Table):
             raise wrong(text, "reference.solution")
         of_one_dimension = {"mandel": 2, "strip_footing": 2, "seabed": 2, "cryer": 3}
         of_one_dimension |= {"kovasznay": 2, "taylor_green": 2, "ethier_steinman": 3}
+        of_one_dimension |= {"womersley_channel": 2, "womersley_pipe": 3}
         in_space = {"ethier_steinman"} if self.axisymmetric else set()  # not around an axis
         dim = 3 if self.axisymmetric else self.dim
         if of_one_dimension.get(solution, dim) != dim or solution in in_space:

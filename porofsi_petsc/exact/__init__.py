@@ -18,6 +18,7 @@ from .seabed import Seabed
 from .selfweight import Selfweight
 from .strip import StripFooting
 from .unconfined import UnconfinedCylinder, UnconfinedStrip
+from .womersley import TetheredTube, WomersleyChannel, WomersleyPipe
 
 __all__ = [
     "Cryer",
@@ -31,8 +32,11 @@ __all__ = [
     "StripFooting",
     "TaylorGreen",
     "Terzaghi",
+    "TetheredTube",
     "UnconfinedCylinder",
     "UnconfinedStrip",
+    "WomersleyChannel",
+    "WomersleyPipe",
     "XieLeo",
     "confined_ratio",
 ]

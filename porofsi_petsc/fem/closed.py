@@ -169,12 +169,16 @@ class _BoundaryData:
         X = self._mesh.X[nodes]
         N = self._rule.N
 
+        def values(expression, points):
+            flat = points.reshape(-1, points.shape[-1])
+            return expression(t, flat).reshape(points.shape[:-1])
+
         def formula(points):
             v = np.zeros(points.shape)
             for i, expression in expressions.items():
-                v[..., i] = expression(t, points.reshape(-1, points.shape[-1])).reshape(
-                    points.shape[:-1]
-                )
+                inside = points is not X and getattr(expression, "nodal", False)
+                found = values(expression, X if inside else points)
+                v[..., i] = (N @ found[..., None])[..., 0] if inside else found
             return v
 
         given = list(expressions)

@@ -24,6 +24,8 @@ Formula = Callable[[float, np.ndarray], np.ndarray]  # (t, x (n, d)) -> values (
 class Essential(NamedTuple):
     """One component of a field on one tag: expression(t, x) -> (n,).
 
+    expression : with an attribute `nodal` that is true it is known at nodes alone, between them by
+    the shape functions;
     precedence : on a node with several, the highest alone holds; name : its key in the scene
     """
 

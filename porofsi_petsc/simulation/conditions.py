@@ -46,7 +46,7 @@ def essentials(scene: Scene, quantity: str, tags: Collection[str] | None = None)
             key = f"boundary.{i}.{quantity}" + (
                 "" if quantity == "pressure" else f".{AXES[component]}"
             )
-            wall = quantity == "velocity" and expression is not None and _is_zero(expression)
+            wall = quantity == "velocity" and expression is not None and is_zero(expression)
             for tag in boundary.on if expression is not None else ():
                 if tags is None or tag in tags:
                     found.append(
@@ -76,7 +76,7 @@ def linear_constraints(
     return found
 
 
-def _is_zero(expression: Expression) -> bool:
+def is_zero(expression: Expression) -> bool:
     """Return whether an expression is the number 0."""
     return expression.is_constant and not expression(0.0, np.zeros((1, 3))).any()
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..config import Scene
-from ..exact import EthierSteinman, Kovasznay, TaylorGreen
+from ..exact import EthierSteinman, Kovasznay, TaylorGreen, WomersleyChannel, WomersleyPipe
 from ..fem.domain import Domain
 from .reference import Comparison
 
@@ -13,6 +13,8 @@ FLOWS: dict[str, Callable] = {
     "kovasznay": Kovasznay,
     "taylor_green": TaylorGreen,
     "ethier_steinman": EthierSteinman,
+    "womersley_channel": WomersleyChannel,
+    "womersley_pipe": WomersleyPipe,
 }
 
 
@@ -28,9 +30,10 @@ class FlowComparison(Comparison):
         section = scene.reference
         fluid = scene.material[0].fluid
         assert section and fluid  # `Scene` refuses flows without
-        self._exact = FLOWS[section.solution](
-            fluid.density, fluid.viscosity, section.speed, section.length
-        )
+        given = [fluid.density, fluid.viscosity, section.speed, section.length]
+        if section.frequency is not None:
+            given.append(section.frequency)
+        self._exact = FLOWS[section.solution](*given)
         self._prepare(scene, domain)
 
     def _errors(self, t, v, p):

@@ -2,6 +2,8 @@
 coupling.
 """
 
+from collections.abc import Collection
+
 import numpy as np
 
 from ..config import Scene
@@ -29,6 +31,7 @@ from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
 from .conditions import linear_constraints
+from .inflow import inflows
 from .loads import concentrated_loads
 from .start import put_at_start
 
@@ -64,9 +67,11 @@ class InterfaceBuilder(Builder):
             for i, pair in enumerate(scene.interface)
         ]
         self.transfer = InterfaceTransfer(mesh, dense.holds & self._fluid_domain.holds, pairs)
+        sticking = self.transfer.fluid_nodes
+        self._inflows = inflows(scene, mesh, materials, sticking, self._scaled)
         self._velocity = self._dirichlet("velocity", self._fluid_tags)
         self._held = self._dirichlet("displacement", self._solid_tags).mask
-        self._sticks = self.transfer.fluid_nodes[:, None]
+        self._sticks = sticking[:, None]
         chosen = self._scheme()
         self.scheme = chosen.scheme
         self._pair = chosen.pair
@@ -196,6 +201,13 @@ class InterfaceBuilder(Builder):
         (n_local, d) bool.
         """
         return self._sticks, self._sticks & self._held
+
+    def essentials(self, quantity: str, tags: Collection[str] | None = None) -> list[Essential]:
+        """Return the `Essential`s of a quantity, on some tags if they are given; of the velocity
+        those of inlets with a flow rate too.
+        """
+        found = super().essentials(quantity, tags)
+        return found + self._inflows if quantity == "velocity" else found
 
     def _dirichlet(self, quantity, tags):
         return self.dirichlet(self.mesh.dim, self.essentials(quantity, tags))

@@ -269,13 +269,9 @@ def _speed(scene, coupling):
     if scene.is_porous:
         return 0.0
     mesh = coupling.solid.mesh
-    given = entries(scene, "velocity")
+    given = coupling.fluid.setup.velocity.conditions
     return max(
-        (
-            _largest(scene, mesh, e, mesh.X[np.unique(mesh.facets[tag].nodes)])
-            for tag, _, e in given
-        ),
-        default=0.0,
+        (_largest(scene, mesh, c.given.expression, mesh.X[c.nodes]) for c in given), default=0.0
     )
 
 
@@ -287,7 +283,7 @@ def _largest(scene, mesh, expression, X):
     largest = 0.0
     for t in (
         [*np.linspace(0, end, SAMPLES + 1), *(end * np.logspace(-6, 0, SAMPLES))]
-        if expression.depends_on_time
+        if getattr(expression, "depends_on_time", True)
         else [0.0]
     ):
         try:

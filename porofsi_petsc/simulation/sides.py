@@ -119,6 +119,11 @@ def _require_phase(name, phases, place):
             f"{place} is on the solid, expected a surface of the fluid; prescribe a displacement"
             " instead"
         )
+    if name == "inflow" and phases != {"fluid"}:
+        raise InputError(
+            f"{place} is on the {' and the '.join(sorted(phases))}, expected a surface of a free"
+            " fluid alone"
+        )
     if name in OF_SOLIDS and "fluid" in phases:
         raise InputError(
             f"{place} is on the fluid, expected a surface of the solid; prescribe components of"
@@ -130,7 +135,8 @@ def _require_phase(name, phases, place):
 
 def _require_boundary(quantity, mesh, tag, outside, place):
     """Raise InputError where a condition of a fluid alone, an outlet, is inside of the mesh."""
-    if quantity not in CONDITIONS or CONDITIONS[quantity].behind != ("fluid",):
+    of_fluid = quantity in CONDITIONS and CONDITIONS[quantity].behind == ("fluid",)
+    if not of_fluid and quantity != "inflow":
         return
     if not outside[locate_facets(mesh.facets[tag], mesh.cells, mesh.element)].all():
         raise InputError(f"{place} lies inside of the mesh, expected its boundary; remove it")
