@@ -35,6 +35,9 @@ from .reference import Comparison
 if TYPE_CHECKING:
     from .loop import Clock
 
+# Of the forces on the skeleton: a pore fluid that bears less than that is at rest relative to it, and
+# its forces, with which its inertia would be compared, are round-off (a body without drainage).
+BEARING = 1e-3
 # Where stresses of a collapsed cell are taken: this far from its nodes on the way to the centroid.
 COLLAPSED = 1e-6
 STRESS_DOUBLES = 60  # of work at a point of the stress: gradients, tensors of three dimensions
@@ -256,7 +259,11 @@ class Measures:
                 self._solid, step.solid_rate, step.solid_residual, lambda m: m.rho_s
             ),
             "fluid_inertia": lambda: self._inertia(
-                self._fluid, step.fluid_rate, step.fluid_residual, lambda m: (1 - m.n_s0) * m.rho_fR
+                self._fluid,
+                step.fluid_rate,
+                step.fluid_residual,
+                lambda m: (1 - m.n_s0) * m.rho_fR,
+                self._least_flow_force(step),
             ),
             "porosity_change": lambda: self._porosity_change(step.u),
             "viscosity": lambda: self._brinkman_ratio(step.u),
@@ -384,13 +391,17 @@ class Measures:
             sizes[span] = np.divide(convective, resistance).max(axis=1, initial=0.0)
         return self._maximum(sizes)
 
-    def _inertia(self, domain, rate, residual, density):
+    def _least_flow_force(self, step):
+        """Return the force [N] below which a pore fluid bears nothing (collective)."""
+        return BEARING * step.solid_residual.largest_force() if self._scene.is_porous else 0.0
+
+    def _inertia(self, domain, rate, residual, density, least=0.0):
         """Return the norm of lumped mass times the rate of the velocity over the largest force of
-        the phase in the step.
+        the phase in the step, or over a least one.
         """
         force = self._lumped_mass(domain, density)[:, None] * rate[: self._mesh.n_owned]
         norm = np.sqrt(self._mesh.comm.allreduce(float(np.vdot(force, force))))
-        largest = residual.largest_force()
+        largest = max(residual.largest_force(), least)
         return norm / largest if largest else 0.0
 
     def _lumped_mass(self, domain, density):
