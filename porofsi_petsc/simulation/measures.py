@@ -35,8 +35,8 @@ from .reference import Comparison
 if TYPE_CHECKING:
     from .loop import Clock
 
-# Of the forces on the skeleton: a pore fluid that bears less than that is at rest relative to it, and
-# its forces, with which its inertia would be compared, are round-off (a body without drainage).
+# Of the forces on the skeleton: a pore fluid that bears less than that is at rest relative to it,
+# and its forces, with which its inertia would be compared, are round-off (a sealed body).
 BEARING = 1e-3
 # Where stresses of a collapsed cell are taken: this far from its nodes on the way to the centroid.
 COLLAPSED = 1e-6
