@@ -164,6 +164,22 @@ def test_a_porous_body_and_a_solid_without_pores_hold_the_same():
         assert wet[column][-1] == pytest.approx(dry[column][-1], rel=1e-6, abs=1e-3), column
 
 
+def test_the_corner_of_a_compressible_body_is_split_by_the_pressure_that_it_bears():
+    """A uniform undrained state: nothing along the base, which holds both components."""
+    boundary = (
+        "boundary=[{on='bottom', displacement={x=0.0, y=0.0}}, {on=['left', 'right'],"
+        " displacement={x=0.0}}, {on='top', traction={y=-1e6}}]"
+    )
+    biot = ("material.0.biot_coefficient=0.7", "material.0.fluid.bulk_modulus=1e7")
+    found = rows(COLUMN, *small_strain(SIDES, boundary, *biot, "time.end=0.05"))
+    last = {column: values[-1] for column, values in found.items()}
+    assert last["base.p"] > 1e5
+    total = 8.375e6 * last["top.u_y"] - 0.7 * last["base.p"]  # σ_xx, ε_yy = u_y/H
+    assert last["on_left.f_x"] == pytest.approx(total * HEIGHT, rel=EXACT)
+    assert last["on_bottom.f_x"] == pytest.approx(0.0, abs=EXACT * 1e6)
+    assert last["on_bottom.f_y"] == pytest.approx(-1e6 * WIDTH, rel=EXACT)
+
+
 # -- flows -----------------------------------------------------------------------------------------
 
 

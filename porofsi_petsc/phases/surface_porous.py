@@ -12,7 +12,7 @@ from .surface_force import SolidForce, SurfaceForce
 
 
 class MixtureForce(SolidForce):
-    """The force of skeleton and pore fluid together, whose traction is (σ_E - p I) n with the
+    """The force of skeleton and pore fluid together, whose traction is (σ_E - α p I) n with the
     viscous stress of the fluid.
     """
 

@@ -142,8 +142,8 @@ class PorousFlows:
 
 def porous_state(coupling: Any, residual: np.ndarray, t: float) -> State:
     """Return what a residual on the nodes of a porous medium is split by, c relative to the
-    skeleton.
+    skeleton and p the part of the pressure that it bears.
     """
     solid = coupling.solid
     fluid = coupling.fluid
-    return State(residual, t, solid.u, fluid.v, fluid.v - solid.v, fluid.p)
+    return State(residual, t, solid.u, fluid.v, fluid.v - solid.v, fluid.borne_pressure)
