@@ -206,6 +206,12 @@ def run(
 @click.argument("scene")
 @overrides
 @smoke
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Draw the mesh with its tags and regions (PNG).",
+)
 @allow
 @click.pass_context
 def check(
@@ -213,6 +219,7 @@ def check(
     scene: str,
     overrides: tuple[str, ...],
     smoke: bool,
+    figure: Path | None,
     allow_scene_options: bool,
 ) -> None:
     """Validate SCENE and its mesh, and say what would be solved."""
@@ -225,7 +232,7 @@ def check(
     start(loaded.petsc.options, [], allow_scene_options)
     from .simulation import check as check_scene
 
-    text = check_scene(loaded)
+    text = check_scene(loaded, figure)
     if job.comm.rank == 0:
         _show(text)
 

@@ -18,7 +18,7 @@ BOX = RECTANGLE.replace("rectangle", "box") + ",z={points=[0,1],cells=[2]}"
 def selectors(tags, dim):
     """Return the selectors of a scene from the text of their list."""
     mesh = f"{(RECTANGLE, BOX)[dim - 2]},tag=[{tags}]}}"
-    return load_scene("terzaghi", [mesh, "probe=[]"]).mesh.tag
+    return load_scene("terzaghi", [mesh, "probe=[]", "line=[]"]).mesh.tag
 
 
 def named(mesh, tags):
@@ -117,6 +117,8 @@ WRONG = [
     ("{name='a',normal=[1,0,0]}", r"\[mesh.tag.0.normal\]: received .* expected 2 components"),
     ("{name='a',cells=true,normal=[1,0]}", r"\[mesh.tag.0.normal\]: received one for cells"),
     ("{name='a',formula='t'}", r"\[mesh.tag.0.formula\]: received a formula with t"),
+    ("{name='a',formula='z'}", r"\[mesh.tag.0.formula\]: received a formula with z in two dim"),
+    ("{name='a',formula='log(x-5)'}", r"a.toml \[mesh.tag.0.formula\]: expression .* received nan"),
     ("{name='a',box={z=[0,1]}}", r"\[mesh.tag.0.box.z\]: received z in a two-dim"),
     ("{name='all',cells=true,box={x=[0,1]}}", r"\[mesh.tag.0.name\]: received 'all'"),
 ]

@@ -4,12 +4,18 @@ the same on several ranks.
 
 import re
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from mixed import unit_grid
 from running import SCENES, changes, complete, needs_mpirun
 
 from porofsi_petsc import list_scenes, load_scene
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.output.mesh_plot import draw_mesh
 from porofsi_petsc.simulation import check
 
 COLUMN, FLAP = (str(SCENES / f"{name}.toml") for name in ("column_supported", "flap"))
@@ -118,6 +124,33 @@ def test_shipped_scenes_are_described_without_an_alarm(name):
     text = said(SHIPPED[name])
     assert "solved: " in text and "of memory" in text and "units" not in text
     assert not re.search(r"\b(nan|inf)\b", text)
+
+
+def test_the_shapes_of_cells_in_numbers():
+    """Triangles with two legs at a right angle: 2 det(M)^(1/2)/tr M = √3/2; a square is 1, a
+    rectangle 2 a b/(a² + b²).
+    """
+    assert "cells: mean ratio 0.87 on average, at worst 0.87 at (" in said(COLUMN)
+    assert "ratio 1.00 on average, at worst 1" in said(COLUMN, "mesh.cell_type=quadrilateral")
+    long = said(COLUMN, "mesh.cell_type=quadrilateral", "mesh.x.cells=[4]", "mesh.y.cells=[2]")
+    assert "mean ratio 0.80 on average, at worst 0.8 at (0.125, 0.25) m" in long
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_picture_of_the_mesh(tmp_path, dim):
+    """All cells, or the sides of a cube that face the eye from the front and from behind."""
+    cells = unit_grid(dim, 3)
+    mesh = replace(cells, regions=("body", "core"), cell_region=np.arange(len(cells.cells)) % 2)
+    figure = Figure()
+    draw_mesh(figure, mesh)
+    panels = [[c for c in ax.collections if isinstance(c, PolyCollection)] for ax in figure.axes]
+    drawn = [[len(c.get_paths()) for c in panel] for panel in panels]
+    assert drawn == ([[9]] if dim == 2 else [[27]] * 4)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == [*mesh.regions, *mesh.facets]
+    start()
+    check(load_scene(COLUMN), tmp_path / "mesh.png")
+    assert (tmp_path / "mesh.png").read_bytes().startswith(b"\x89PNG")
 
 
 @needs_mpirun

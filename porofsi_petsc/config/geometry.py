@@ -178,6 +178,8 @@ class TagOf(Table):
                 raise wrong(f"received {list(vector)}, expected {expected} components", key)
         if self.normal is not None and not any(self.normal):
             raise wrong("received no direction, expected a vector that is not zero", "normal")
+        if dim == 2 and self.formula is not None and "z" in self.formula.names:
+            raise wrong("received a formula with z in two dimensions, expected x and y", "formula")
         for key in ("plane", "box"):
             if dim == 2 and getattr(getattr(self, key), "z", None) is not None:
                 raise wrong("received z in a two-dimensional scene, expected none", f"{key}.z")

@@ -58,8 +58,8 @@ def _with_region(mesh, selector, where):
     if selector.of is not None:
         _require_known(selector.of, mesh.regions, "region", where)
         candidates = mesh.cell_region == mesh.regions.index(selector.of)
-    here = candidates & _inside(selector, centres[:, None], centres, _tolerance(mesh))
-    _require_some(here, centres, mesh, selector, where)
+    here = candidates & _inside(selector, centres[:, None], centres, _tolerance(mesh), where)
+    _require_some(here, centres[candidates], mesh, selector, where)
     names = [*mesh.regions, *([] if selector.name in mesh.regions else [selector.name])]
     region = np.where(here, names.index(selector.name), mesh.cell_region)
     used, region = np.unique(region, return_inverse=True)
@@ -82,7 +82,9 @@ def _with_tag(mesh, selector, where):
     facets = cell_facets(mesh.cells, mesh.element)[np.unravel_index(candidates, shape)]
     X = mesh.points[facets]
     centres = X.mean(axis=1)
-    here = _inside(selector, X, centres, _tolerance(mesh)) & _directed(selector, mesh, facets)
+    here = _inside(selector, X, centres, _tolerance(mesh), where) & _directed(
+        selector, mesh, facets
+    )
     _require_some(here, centres, mesh, selector, where)
     chosen = candidates[here]
     tags = {tag: mesh.facets[tag][~np.isin(own, chosen)] for tag, own in keys.items()}
@@ -127,7 +129,7 @@ def _require_some(here, centres, mesh, selector, where):
     )
 
 
-def _inside(selector, nodes, centres, tolerance):
+def _inside(selector, nodes, centres, tolerance, where):
     """Return which of some facets or cells, of nodes (n, k, d) and centres (n, d), meet what a
     selector says of their place.
     """
@@ -147,7 +149,10 @@ def _inside(selector, nodes, centres, tolerance):
         if selector.cylinder.surface:
             here &= (r >= limit - tolerance).all(axis=1)
     if selector.formula is not None:
-        here &= selector.formula(0.0, centres) > 0
+        try:
+            here &= selector.formula(0.0, centres) > 0
+        except InputError as error:
+            raise InputError(f"{where[:-1]}.formula]: {error}") from None
     return here
 
 

@@ -68,7 +68,8 @@ def _smooth_parts(points, corners, tolerance):
         shape=(len(corners),) * 2,
     )
     count, part = connected_components(graph, directed=False)
-    members = [np.flatnonzero(part == i) for i in range(count)]
+    ends = np.cumsum(np.bincount(part, minlength=count))[:-1]
+    members = np.split(np.argsort(part, kind="stable"), ends)
     origin = points.min(axis=0)
     centres = points[corners].mean(axis=1) - origin
     means = np.array([centres[chosen].mean(axis=0) for chosen in members])
@@ -162,8 +163,11 @@ def _on_simplex(x, X, tolerance):
     """
     edges = X[:, 1:] - X[:, :1]
     away = x - X[:, 0]
-    inverse = np.linalg.pinv(edges @ edges.swapaxes(1, 2), hermitian=True)
-    lam = np.einsum("nij,njd,nd->ni", inverse, edges, away)
+    products = edges @ edges.swapaxes(1, 2)
+    whole = np.linalg.det(products) > 0  # a side of a collapsed cell is none
+    products[~whole] = np.eye(edges.shape[1])
+    lam = np.linalg.solve(products, edges @ away[:, :, None])[:, :, 0]
     rest = np.linalg.norm(away - np.einsum("ni,nid->nd", lam, edges), axis=1)
     lam = np.column_stack([1 - lam.sum(axis=1), lam])
-    return (rest <= tolerance) & (lam >= -DOUBLED).all(axis=1) & (lam <= 1 - NEAR).all(axis=1)
+    inside = (lam >= -DOUBLED).all(axis=1) & (lam <= 1 - NEAR).all(axis=1)
+    return whole & inside & (rest <= tolerance)

@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 
 from ..config import Scene
 from ..errors import InputError
+from ..fem.geometry import shape_quality
+from ..mesh.check import place
 from .auto import AnyMedium, at_start, auto_terms
 from .builder import entries, materials_of
 from .conditions import components, nodes_of
@@ -39,6 +41,7 @@ def preview(scene: Scene, coupling: AnyMedium, measures: Measures) -> str:
         scene.title,
         _size(mesh, coupling),
         f"regions: {', '.join(mesh.regions)}; boundaries: {', '.join(sorted(mesh.facets))}",
+        _quality(mesh),
         *(f"mesh: {note}" for note in mesh.notes),
         _terms(scene, measures),
         _time(scene.time),
@@ -52,6 +55,24 @@ def _size(mesh, coupling):
     memory = count * BYTES_PER_UNKNOWN[mesh.dim] + mesh.comm.size * BYTES_PER_RANK
     cells = f"{mesh.n_cells_global} elements {mesh.element.name}, {mesh.n_global} nodes"
     return f"{cells}, {count} unknowns, about {memory / 1e9:.1f} GB of memory"
+
+
+def _quality(mesh):
+    """Return the line on the shapes of the cells: mean ratio, the worst one and its place."""
+    cells = mesh.cells[mesh.cell_owned]
+    X = mesh.X[cells[:, : mesh.element.n_vertices]]
+    quality = shape_quality(mesh.element.cell, X)
+    least = mesh.comm.allreduce(float(quality.min(initial=np.inf)), MPI.MIN)
+    here = np.flatnonzero(quality == least)[:1]
+    number = mesh.cell_natural[mesh.cell_owned][here].tolist()
+    centre = X[here].mean(axis=1).tolist()
+    found = mesh.comm.allgather(list(zip(number, centre, strict=True)))
+    _, at = min(cell for of_rank in found for cell in of_rank)
+    mean = mesh.comm.allreduce(float(quality.sum())) / mesh.n_cells_global
+    return (
+        f"cells: mean ratio {mean:.2f} on average, at worst {least:.2g} at {place(np.array(at))} m"
+        " (1: equilateral, 0: flat)"
+    )
 
 
 def _terms(scene, measures):

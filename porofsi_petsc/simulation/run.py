@@ -16,14 +16,16 @@ from ..log import logger, start_log, stop_log
 from ..output.checkpoint import open_checkpoint
 from ..output.directory import Claim, written_files
 from ..output.expectations import evaluate, failed
-from ..output.figures import make_curves, make_figures
+from ..output.figures import make_curves, make_figures, save_figure
 from ..output.files import on_root, write_text
 from ..output.history import read_history
+from ..output.mesh_plot import draw_mesh
 from ..output.period import period_analysis
 from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import read_summary, write_summary
 from ..signals import Interrupted, answered_by, interrupt, note, noted
+from .build import serial_mesh
 from .loop import StopRequest
 from .preview import preview
 from .records import Records
@@ -330,9 +332,13 @@ class _Run:
             )
 
 
-def check(scene: Scene) -> str:
+def check(scene: Scene, figure: Path | None = None) -> str:
     """Return a description of what a scene would solve; raises InputError as a run would
     (collective).
+
+    figure : where a picture of the mesh is written (PNG), None for none
     """
     simulation = Simulation(scene)
+    if figure is not None:
+        on_root(MPI.COMM_WORLD, lambda: save_figure(figure, draw_mesh, serial_mesh(scene)))
     return preview(scene, simulation.coupling, simulation.measures)
