@@ -3,15 +3,25 @@
 import numpy as np
 import pytest
 
-from porofsi_petsc.exact import EthierSteinman, Kovasznay, TaylorGreen
+from porofsi_petsc.exact import (
+    EthierSteinman,
+    Kovasznay,
+    TaylorGreen,
+    WomersleyChannel,
+    WomersleyPipe,
+)
 
 RHO = 2.0
 MU = 0.3
 U = 1.5
 L = 0.7
 FLOWS = {
-    2: (Kovasznay(RHO, MU, U, L), TaylorGreen(RHO, MU, U, L)),
-    3: (EthierSteinman(RHO, MU, U, L),),
+    2: (
+        Kovasznay(RHO, MU, U, L),
+        TaylorGreen(RHO, MU, U, L),
+        WomersleyChannel(RHO, MU, U, L, 3.0),
+    ),
+    3: (EthierSteinman(RHO, MU, U, L), WomersleyPipe(RHO, MU, U, L, 3.0)),
 }
 # of central differences, whose error is 1e-6 of the derivatives times their scale
 STEP = 1e-3

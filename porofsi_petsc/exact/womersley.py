@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import jv
+from scipy.special import jve
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,14 @@ class WomersleyPipe(Womersley):
 
     def shape(self, part: np.ndarray) -> np.ndarray:
         """Return f = J0(i^(3/2) α r/a)/J0(i^(3/2) α)."""
-        return jv(0, self._root * part) / jv(0, self._root)
+        inside = self._root * part
+        grown = np.exp(np.abs(inside.imag) - abs(self._root.imag))
+        return grown * jve(0, inside) / jve(0, self._root)
 
     @property
     def mean(self) -> complex:
         """Return F = 2 J1(i^(3/2) α)/(i^(3/2) α J0(i^(3/2) α))."""
-        return complex(2 * jv(1, self._root) / (self._root * jv(0, self._root)))
+        return complex(2 * jve(1, self._root) / (self._root * jve(0, self._root)))
 
 
 @dataclass(frozen=True)
