@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from ..compiled import compilation_notice
 from ..config import Scene, scene_to_toml
-from ..errors import ExpectationError, Stopped
+from ..errors import ExpectationError, InputError, Stopped
 from ..linalg.agreement import Agreement
 from ..linalg.stopwatch import Stopwatch
 from ..log import logger, start_log, stop_log
@@ -340,5 +340,13 @@ def check(scene: Scene, figure: Path | None = None) -> str:
     """
     simulation = Simulation(scene)
     if figure is not None:
-        on_root(MPI.COMM_WORLD, lambda: save_figure(figure, draw_mesh, serial_mesh(scene)))
+        on_root(MPI.COMM_WORLD, _draw, scene, figure)
     return preview(scene, simulation.coupling, simulation.measures)
+
+
+def _draw(scene, figure):
+    if not figure.parent.is_dir():
+        raise InputError(
+            f"--figure {figure}: there is no folder '{figure.parent}'; make it, or give another one"
+        )
+    save_figure(figure, draw_mesh, serial_mesh(scene))
