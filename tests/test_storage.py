@@ -7,7 +7,7 @@ from running import Job, history, needs_mpirun, run_here, run_on, summary
 
 from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.errors import InputError
-from porofsi_petsc.exact import Cryer, Mandel, Terzaghi
+from porofsi_petsc.exact import CompressibleColumn, Cryer, DynamicColumn, Mandel, Terzaghi
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.kernels import storage
 
@@ -73,6 +73,24 @@ def test_the_exact_solutions_start_undrained():
     layer = Terzaghi(1.0, 1.0, 16.0, 1.0, biot=0.8, storage=0.05)
     # α/(α² + S E_c): at once the layer is compressed as its undrained modulus E_c + α²/S says
     assert layer.settlement(0.0, 1e-7) == pytest.approx(1 / (16 + 0.8**2 / 0.05), rel=1e-3)
+
+
+def test_the_dynamic_column_tends_to_that_of_incompressible_constituents():
+    """de Boer, Ehlers & Liu (1993) as K_f grows."""
+    z = np.array([0.0, 0.5, 5.0])
+    exact = DynamicColumn(10.0, 8e6, 6e6, 0.7, 2000.0, 1000.0, 1e-2, 1e4)
+    u, _ = exact.harmonic(3000.0, 60.0, z, 0.03)
+    errors = []
+    for S in (1e-11, 1e-12):
+        column = CompressibleColumn(10.0, 20e6, 1400.0, 300.0, 0.3, 9e4, 1.0, S)
+        errors.append(np.abs(column.harmonic(3000.0, 60.0, z, 0.03)[0] - u).max() / u.max())
+    assert errors[1] < 1e-3 and errors[1] < errors[0] / 3, errors
+
+
+def test_the_dynamic_column_of_a_compressible_fluid(tmp_path):
+    run_here(Job("column_compressible", str(tmp_path), ("time.end=0.02",)))
+    last = summary(tmp_path)["errors"][-1]
+    assert last["u"] < 3e-3 and last["p"] < 1e-3  # the bounds of the scene
 
 
 def test_order_in_time():

@@ -55,7 +55,7 @@ def _toml(value: bool | str) -> str:
 
 
 # Exact solutions whose constituents may be compressible.
-COMPRESSIBLE = ("terzaghi", "mandel", "cryer")
+COMPRESSIBLE = ("terzaghi", "mandel", "cryer", "column_harmonic")
 
 
 class Scene(Table):

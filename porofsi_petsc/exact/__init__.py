@@ -10,7 +10,7 @@ configuration, settlement is positive downward and pressure in compression.  Sud
 from .confined import confined_ratio
 from .consolidation import Terzaghi, XieLeo
 from .cryer import Cryer
-from .dynamic import DynamicColumn
+from .dynamic import CompressibleColumn, DynamicColumn
 from .flows import EthierSteinman, Kovasznay, TaylorGreen
 from .mandel import Mandel
 from .ring import Ring
@@ -21,6 +21,7 @@ from .unconfined import UnconfinedCylinder, UnconfinedStrip
 from .womersley import TetheredTube, WomersleyChannel, WomersleyPipe
 
 __all__ = [
+    "CompressibleColumn",
     "Cryer",
     "DynamicColumn",
     "EthierSteinman",

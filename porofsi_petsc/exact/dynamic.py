@@ -1,5 +1,5 @@
-"""The dynamic column of incompressible constituents (de Boer, Ehlers & Liu 1993); z downward from
-the drained, loaded top.
+"""The dynamic column of incompressible constituents (de Boer, Ehlers & Liu 1993), and of
+compressible ones (Biot 1956); z downward from the drained, loaded top.
 
     E_c u_zz = M ü + C u̇,   p_z = (n_s/n_f) ρ_fR ü + C u̇,   σ_zz(0) = -f(t), p(0) = 0, u(L) = 0
 
@@ -138,3 +138,67 @@ class DynamicColumn:
             z,
         )
         return u, on_distinct(lambda z: np.sin(np.multiply.outer(z, k)) @ drag, z)
+
+
+@dataclass(frozen=True)
+class CompressibleColumn:
+    """Length L [m], E_c [Pa], partial densities ρ_s, ρ_f [kg/m³], n_f [-], drag S_d [N s/m⁴], α [-]
+    and storage S [1/Pa], number of modes of the sums.
+
+    ρ_s ü = E_c u_zz - (α - n_f) p_z + S_d (U̇ - u̇),  ρ_f Ü = -n_f p_z - S_d (U̇ - u̇),
+    S p = -(n_f U_z + (α - n_f) u_z), σ_E(0) = -f(t), p(0) = 0, u(L) = U(L) = 0.  In the modes
+    cos(k z), k = (2n+1) π/2L, they are two oscillators with the force 2 f/L on the first; the
+    static part of u is summed in closed form.
+    """
+
+    length: float
+    modulus: float
+    rho_s: float
+    rho_f: float
+    n_f: float
+    drag: float
+    biot: float
+    storage: float
+    modes: int = 1000
+
+    def harmonic(
+        self, amplitude: float, omega: float, z: ArrayLike, t: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return u and p at depths z [m], any shape, and time t under f = amplitude (1 - cos ω t),
+        at rest at t = 0.
+        """
+        k = (2 * np.arange(self.modes) + 1) * np.pi / (2 * self.length)
+        f = amplitude * (1 - np.cos(omega * t))
+        q, Q = self._modal(k, amplitude, omega, t)
+        content = self.n_f * Q + (self.biot - self.n_f) * q
+        rest = q - 2 * f / (self.length * self.modulus * k**2)
+        u = on_distinct(
+            lambda z: f * (self.length - z) / self.modulus + np.cos(np.multiply.outer(z, k)) @ rest,
+            z,
+        )
+        p = on_distinct(lambda z: np.sin(np.multiply.outer(z, k)) @ (k * content) / self.storage, z)
+        return u, p
+
+    def _modal(
+        self, k: np.ndarray, amplitude: float, omega: float, t: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the amplitudes of u and U of all modes, (modes,) each."""
+        n, rest = self.n_f, self.biot - self.n_f
+        stored = np.outer([rest, n], [rest, n]) / self.storage + np.diag([self.modulus, 0.0])
+        K = k[:, None, None] ** 2 * stored
+        M = np.diag([self.rho_s, self.rho_f])
+        C = self.drag * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        force = np.zeros((len(k), 2, 1))
+        force[:, 0] = 2 * amplitude / self.length
+        constant = np.linalg.solve(K, force)
+        X = -np.linalg.solve(K - omega**2 * M + 1j * omega * C, force)
+        start = -np.concatenate([constant + X.real, (1j * omega * X).real], axis=1)
+        A = np.zeros((len(k), 4, 4))
+        A[:, :2, 2:] = np.eye(2)
+        A[:, 2:, :2] = -np.linalg.solve(M, K)
+        A[:, 2:, 2:] = -np.linalg.solve(M, C)
+        s, vectors = np.linalg.eig(A)
+        parts = np.linalg.solve(vectors, start.astype(complex))
+        free = vectors[:, :2] @ (np.exp(s * t)[..., None] * parts)
+        found = (free + constant + X * np.exp(1j * omega * t)).real[..., 0]
+        return found[:, 0], found[:, 1]

@@ -11,6 +11,7 @@ import numpy as np
 from ..config import Scene
 from ..errors import InputError
 from ..exact import (
+    CompressibleColumn,
     Cryer,
     DynamicColumn,
     Mandel,
@@ -184,6 +185,23 @@ def _column_step(scene, soil):
 def _column_harmonic(scene, soil):
     load = scene.reference.load
     omega = scene.reference.frequency
+    if soil.storage:
+        n_f = 1 - soil.n_s
+        compressible = CompressibleColumn(
+            scene.reference.length,
+            soil.modulus,
+            soil.n_s * soil.rho_sR,
+            n_f * soil.rho_fR,
+            n_f,
+            n_f**2 / soil.mobility,
+            soil.biot,
+            soil.storage,
+        )
+
+        def field(index):
+            return lambda z, t: compressible.harmonic(load, omega, z, t)[index]
+
+        return _column(scene, field(0), field(1), load)
     return _dynamic(scene, soil, lambda column, z, t: column.harmonic(load, omega, z, t), load)
 
 
