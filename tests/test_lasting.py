@@ -11,7 +11,9 @@ from porofsi_petsc.errors import LimitError
 from porofsi_petsc.simulation.lasting import STEPS, Lasting
 
 COARSE = ("mesh.x.cells=[2, 3, 4]", "mesh.y.cells=[4, 3, 2]", "limits.reynolds=report")
-JUMPS = {"terzaghi": (2e-3, ()), "mandel": (1e-3, ()), "strip_footing": (0.01, COARSE)}
+# A plate that jumps; one under a force that jumps rings by -ρ∞ a step, and its velocity with it.
+PLATE = ("boundary.3={on='top', displacement={y=-2e-4}}",)
+JUMPS = {"terzaghi": (2e-3, ()), "mandel": (1e-3, PLATE), "strip_footing": (0.01, COARSE)}
 
 
 def over_the_run(sizes, dt=1.0, end=None):

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from grids import grid
+from grids import cell_type, grid
 from kernel_states import ON_ELEMENTS
 from mixed import as_one, cut, unit_grid
 
+from porofsi_petsc import Simulation
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.fem.geometry import Rule, geometry
 from porofsi_petsc.kernels import solid
@@ -86,3 +87,46 @@ def test_a_rigid_motion_has_no_stress(block, law):
     Q[:, 0] *= np.sign(np.linalg.det(Q))
     force, _ = block.stress_residual(law, block.X @ (Q - np.eye(d)).T + 0.3)
     assert np.abs(force).max() < ROUND_OFF
+
+
+@pytest.mark.parametrize("pressure", ["3e4", "3e4*minimum(t, 1)"])
+@pytest.mark.parametrize("name", ["T3", "Q9", "T4", "H20"])
+@pytest.mark.usefixtures("petsc")
+def test_a_held_body_takes_a_uniform_pressure(name, pressure):
+    """Nothing flows and nothing else has a force: what is left is the round-off of the pressure."""
+    element = ELEMENTS[name]
+    axis = {"points": [0.0, 1.0], "cells": [2]}
+    axes = "xyz"[: element.dim]
+    sides = {"left", "right", "bottom"} | ({"front", "back"} if element.dim == 3 else set())
+    held = {"displacement": dict.fromkeys(axes, 0.0)}
+    scene = {
+        "title": "uniform pressure",
+        "mesh": {
+            "kind": "rectangle" if element.dim == 2 else "box",
+            "order": element.order,
+            "cell_type": cell_type(name),
+        }
+        | {axis_name: axis for axis_name in axes},
+        "model": {"solid_inertia": False, "fluid_inertia": False},
+        "time": {"end": 1.0, "step": 0.5},
+        "material": [
+            {
+                "region": "all",
+                "porosity": 0.3,
+                "solid": {"law": "linear_elastic", "mu": 5e6, "lambda": 6e6, "density": 2e3},
+                "fluid": {"density": 1e3, "specific_weight": 1e4},
+                "permeability": {"law": "constant", "k": 1e-5},
+            }
+        ],
+        "boundary": [
+            {"on": sorted(sides), **held},
+            {"on": "top", "pressure": pressure, **held},
+        ],
+    }
+    with Simulation.from_scene(scene) as simulation:
+        simulation.run()
+        p = simulation.fields.gathered("pressure")
+        v = simulation.fields.gathered("fluid velocity")
+    np.testing.assert_allclose(p, 3e4, rtol=1e-12)
+    # Darcy's velocity of a gradient of 1e-12 of the pressure
+    assert np.abs(v).max() < 1e-12 * 3e4 * 1e-5 / 1e4 / 0.3 * 10

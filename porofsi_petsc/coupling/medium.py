@@ -137,7 +137,9 @@ class Medium:
         """Return what `Convergence.reached` takes, its norms by one reduction (collective)."""
         residuals = dict(zip(FIELDS, (*fluid_residuals, solid_residual), strict=True))
         groups = {field: residual.vectors() for field, residual in residuals.items()}
-        cancelling = self.fluid.cancelling(self.mesh_state(), rates) | self.solid.cancelling()
+        cancelling = self.fluid.cancelling(self.mesh_state(), rates)
+        for field, vector in self.solid.cancelling().items():
+            cancelling[field] = vector + cancelling.get(field, 0.0)
         vectors = [
             *itertools.chain(*groups.values()),
             self.fluid.drag_scale(self.mesh_state(), rates),
