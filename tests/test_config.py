@@ -135,11 +135,12 @@ def test_a_mesh_path_starts_at_the_scene(tmp_path):
     path = tmp_path / "file.toml"
     path.write_text(
         SCENE.split("[mesh]")[0]
-        + '[mesh]\nkind = "file"\npath = "meshes/a.msh"\ndim = 2\n[time]'
+        + '[mesh]\nkind = "file"\npath = "meshes/a.msh"\nfacets = "f.xdmf"\ndim = 2\n[time]'
         + SCENE.split("[time]")[1]
     )
     scene = load_scene(path)
     assert scene.mesh.path == str(tmp_path.resolve() / "meshes" / "a.msh")
+    assert scene.mesh.facets == str(tmp_path.resolve() / "f.xdmf")
 
 
 @pytest.mark.parametrize("name, title, path", list_scenes(), ids=lambda value: str(value)[:20])

@@ -39,7 +39,7 @@ LAYER |= {
 SHARED = {"errors", "registry", "elements", "tensors", "compiled"}
 ONLY_IN = {
     "numba": {"compiled"},
-    "h5py": {"output"},
+    "h5py": {"mesh", "output"},
     "meshio": {"mesh", "output"},
     "pydantic": {"config"},
     "click": {"commands"},

@@ -303,11 +303,15 @@ def _from_scene(path: str, info: ValidationInfo) -> str:
         raise wrong(f"received {shown(path)}, expected the name of a file ({error})") from None
 
 
+FileName = Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
+
+
 class MeshFile(Meshed):
     """A mesh file; a relative path starts at the scene's folder."""
 
     kind: Literal["file"]
-    path: Annotated[Text, Field(min_length=1, max_length=1000), AfterValidator(_from_scene)]
+    path: FileName
+    facets: FileName | None = None
     dim: Literal[2, 3]
     axisymmetric: Flag = False
     scale: Positive = 1.0

@@ -1,5 +1,5 @@
-"""From a mesh file of any known format to what it says: Gmsh and Abaqus by readers of their own,
-others by meshio.
+"""From a mesh file of any known format to what it says: Gmsh, Abaqus and XDMF by readers of their
+own, others by meshio.
 """
 
 import contextlib
@@ -11,8 +11,10 @@ import numpy as np
 
 from ..errors import InputError, shown
 from .abaqus import read_abaqus
+from .arrays import NOT_A_TAG, integer_arrays
 from .gmsh import read_gmsh
 from .source import Block, Source, Unusable
+from .xdmf import read_xdmf
 
 # Formats of surfaces, or in several files; meshio's readers of most of them do not end on broken
 # ones.
@@ -24,18 +26,10 @@ NOT_READ = {
     ".unv": "a universal file, whose groups are not read",
 }
 NASTRAN = (".bdf", ".fem", ".nas")
-OWN = {".msh": read_gmsh, ".inp": read_abaqus}
+OWN = {".msh": read_gmsh, ".inp": read_abaqus, ".xdmf": read_xdmf, ".xmf": read_xdmf}
 # Cells that meshio knows, but for their dimension
 BODIES = ("penta_prism", "hexa_prism", "wedge15", "wedge18", "pyramid13", "pyramid14")
 POLYHEDRA = "it has polyhedra, of which no element is made; mesh the body with tetra or hexahedron"
-NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
-# Arrays that hold the numbers of materials, whatever else a file has, the first one first.  (MED's
-# families, of meshio's key "cell_tags", have names.)
-KNOWN = (
-    *("MaterialIDs", "gmsh:physical", "medit:ref", "nastran:ref", "netgen:index", "ugrid:ref"),
-    *("avsucd:material", "flac3d:group", "su2:tag", "CellEntityIds", "cell_tags", "MaterialID"),
-    *("material_id", "MatID", "matid", "Material", "material", "materials", "attribute", "regions"),
-)
 
 
 def read_source(path: Path) -> Source:
@@ -99,12 +93,7 @@ def _read_by_meshio(path):
     if any(block.type.startswith("polyhedron") for block in source.cells):
         raise Unusable(POLYHEDRA)
     blocks = [Block(block.type, block.dim, block.data) for block in source.cells]
-    data = {key: [_scalars(part) for part in parts] for key, parts in source.cell_data.items()}
-    arrays = {
-        key: [part.astype(np.int64) for part in parts]
-        for key, parts in data.items()
-        if key not in NOT_A_TAG and _is_integral(parts, key in KNOWN)
-    }
+    arrays = integer_arrays(source.cell_data)
     sets = {
         name: [_members(part) for part in parts]
         for name, parts in source.cell_sets.items()
@@ -117,24 +106,6 @@ def _read_by_meshio(path):
         of_nodes = _families([source.point_data["point_tags"]], source.point_tags)
         nodes |= {name: parts[0] for name, parts in of_nodes.items()}
     return Source(source.points, blocks, sets, arrays, nodes)
-
-
-def _scalars(part):
-    """Return an array (n,) where it is given as (n, 1)."""
-    part = np.asarray(part)
-    return part[:, 0] if part.ndim == 2 and part.shape[1] == 1 else part
-
-
-def _is_integral(parts, also_floats):
-    """Return whether an array over the cells has one integer for each, which is not the number of
-    the cell.
-    """
-    if not all(part.ndim == 1 and (also_floats or part.dtype.kind in "iu") for part in parts):
-        return False
-    if not all(part.dtype.kind in "iuf" and (part == np.round(part)).all() for part in parts):
-        return False
-    values = np.concatenate(parts) if parts else np.empty(0)
-    return len(values) <= 1 or len(np.unique(values)) < len(values)
 
 
 def _members(part):

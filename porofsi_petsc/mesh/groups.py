@@ -6,23 +6,20 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, listed
-from .formats import KNOWN
+from .arrays import KNOWN, are_distinct
 from .gmsh import ELEMENTARY
-from .source import Source, numbered
+from .source import NO_GROUP, Source, numbered
 
 
 def named_sets(
-    source: Source, array: str | None, groups: Sequence[str], path: Path
+    source: Source, groups: Sequence[str], path: Path
 ) -> tuple[dict[str, list[np.ndarray]], dict[str, np.ndarray]]:
     """Return name -> numbers of the cells of each block, and name -> nodes.
 
-    array : the array over the cells whose numbers are the groups, None for the file's sets or, if
-    it has none, for the one array that can be meant.  groups : the names that count, all if empty.
-    Raises InputError for an array or a group that the file does not have.
+    groups : the names that count, all if empty.  Raises InputError for a group that the file does
+    not have.
     """
     sets = source.sets
-    if array is not None or not sets:
-        sets = _numbers(source, _array(source, array, path))
     nodes = source.node_sets
     if groups:
         known = {**nodes, **sets}
@@ -37,29 +34,50 @@ def named_sets(
     return sets, nodes
 
 
-def _array(source, array, path):
-    """Return the name of the array with the numbers of the groups, None if there is none."""
-    if array is not None:
-        if array not in source.arrays:
-            raise InputError(
-                f"{path}: mesh.array = '{array}', but the file has no such array of integers over"
-                f" its cells; choose from {listed(source.arrays) or 'none'}, or leave the key out"
-            )
-        return array
-    found = [name for name in source.arrays if name != ELEMENTARY]
+def require_array(sources: Sequence[Source], array: str | None, path: Path) -> None:
+    """Raise InputError unless one of the sources has the array, if one is given."""
+    arrays = [name for source in sources for name in _candidates(source)]
+    if array is not None and array not in arrays:
+        raise InputError(
+            f"{path}: mesh.array = '{array}', but the file has no such array of integers over"
+            f" its cells; choose from {listed(arrays) or 'none'}, or leave the key out"
+        )
+
+
+def sets_of(
+    source: Source, array: str | None, path: Path, distinct: bool = False
+) -> dict[str, list[np.ndarray]]:
+    """Return name -> numbers of the cells of each block: those of the array, if the source has it,
+    else its sets or, if it has none, those of the one array that can be meant.
+
+    distinct : an array may have another number for every cell.  Raises InputError for several
+    arrays.
+    """
+    found = _candidates(source, distinct)
+    if array in found:
+        return _numbers(source, array)
+    if source.sets:
+        return source.sets
+    found = [name for name in found if name != ELEMENTARY]
     known = [name for name in KNOWN if name in found]
     if len(found) > 1 and not known:
         raise InputError(
             f"{path}: several integer arrays over the cells ({listed(found)}); name the one with"
             f' the groups, mesh.array = "{found[0]}"'
         )
-    return known[0] if known else found[0] if found else None
+    return _numbers(source, [*known, *found][0]) if found else {}
+
+
+def _candidates(source, distinct=False):
+    return [name for name, parts in source.arrays.items() if distinct or not are_distinct(parts)]
 
 
 def _numbers(source, array):
-    parts = source.arrays[array] if array is not None else []
+    parts = source.arrays[array]
     numbers = np.unique(np.concatenate(parts)).tolist() if parts else []
-    return {numbered(n): [np.flatnonzero(part == n) for part in parts] for n in numbers}
+    return {
+        numbered(n): [np.flatnonzero(part == n) for part in parts] for n in numbers if n != NO_GROUP
+    }
 
 
 def one_each(

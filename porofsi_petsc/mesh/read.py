@@ -16,6 +16,8 @@ from .generate import DEFAULT_REGION
 from .groups import named_sets, one_each
 from .mesh import Mesh
 from .sides import named_sides, require_joined
+from .source import numbered
+from .tags import joined, part
 from .topology import facet_groups, locate_facets, shares
 
 
@@ -25,12 +27,14 @@ class Reading:
 
     array : the array over the cells with the numbers of the groups, None where the file decides.
     groups : the names of the groups that count, all if empty; a cell or facet in several of them
-    belongs to the first.  scale : metres in the unit of length of the file.
+    belongs to the first.  scale : metres in the unit of length of the file.  facets : a further
+    file with tagged facets.
     """
 
     array: str | None = None
     groups: Sequence[str] = ()
     scale: float = 1.0
+    facets: str | None = None
 
 
 @dataclass
@@ -81,10 +85,10 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
     path = Path(path)
     reading = reading or Reading()
     chosen = bool(reading.groups)
-    source, notes = _source(path, dim)
+    source, notes = _source(path, dim, reading)
     blocks = [block for block in source.blocks if len(block.data)]
     element = check.volume_element([(block.type, block.dim) for block in blocks], dim, path)
-    sets, node_sets = named_sets(source, reading.array, reading.groups, path)
+    sets, node_sets = named_sets(source, reading.groups, path)
     cells, of_cells = _gather(source.blocks, sets, element, [element])
     tagged, of_tagged = _gather(source.blocks, sets, element.facet, _facets_of_all_orders(element))
     points, axes = check.plane_points(source.points, np.unique(cells), dim, path)
@@ -97,6 +101,8 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
     number = _drop_orphans(body)
     body.require_usable()
     found = {name: _located(body, number[tagged[rows]], name) for name, rows in of_tagged.items()}
+    if not chosen:
+        _leave_out_zero(body, found)
     found = _facets_of_nodes(body, node_sets, number) | found
     first = {name: i for i, name in enumerate(reading.groups)}
     found = dict(sorted(found.items(), key=lambda entry: first.get(entry[0], 0)))
@@ -104,18 +110,29 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
     return Mesh(body.points, body.cells, element, names, cell_region, facets, tuple(body.notes))
 
 
-def _source(path, dim):
+def _source(path, dim, reading):
     """Return the content of a file with cells that elements have, and sentences on what was cut."""
-    check.require_file(path)
-    source = read_source(path)
-    check.require_arrays(source.points, [block.data for block in source.blocks], dim, path)
-    for what, of_dim in (("cell", dim), ("facet", dim - 1)):
-        for block in source.blocks:
-            if block.dim == of_dim:
-                check.require_known_nodes(source.points, block.data, path, what)
+    source = _content(path, dim)
+    if reading.facets is not None:
+        further = _content(Path(reading.facets), dim)
+        source.tags = [*source.tags, *(part(own, [dim - 1]) for own in (further, *further.tags))]
+    source = joined(source, reading.array, dim, path)
     source, prisms = cut_prisms(source, path)
     source, quadratic = cut_quadratic(source, dim)
     return source, [note for note in (prisms, quadratic) if note]
+
+
+def _content(path, dim):
+    """Return what a file says, arrays and numbers of nodes checked."""
+    check.require_file(path)
+    source = read_source(path)
+    for own in (source, *source.tags):
+        check.require_arrays(own.points, [block.data for block in own.blocks], dim, path)
+        for what, of_dim in (("cell", dim), ("facet", dim - 1)):
+            for block in own.blocks:
+                if block.dim == of_dim:
+                    check.require_known_nodes(own.points, block.data, path, what)
+    return source
 
 
 def _facets_of_all_orders(element):
@@ -202,6 +219,14 @@ def _located(body, rows, name):
             f"{at if (nodes >= 0).all() else ''}; remove them"
         )
     return np.unique(cell * len(body.element.facets) + local)
+
+
+def _leave_out_zero(body, found):
+    """Leave out the facets of number 0 if some are inside the body, where it says no group."""
+    zero = found.get(numbered(0))
+    if zero is not None and not np.isin(zero, _boundary(body)).all():
+        del found[numbered(0)]
+        body.notes.append(f"{len(zero)} facets of number 0, inside the body too, are in no group")
 
 
 def _facets_of_nodes(body, node_sets, number):

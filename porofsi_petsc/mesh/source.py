@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+NO_GROUP = np.iinfo(np.int64).min  # in an array of numbers of groups
+_DIMENSIONS = {"vertex": 0, "line": 1, "triangle": 2, "quad": 2}  # of the other kinds 3
+
 
 class Block(NamedTuple):
     """Cells of one kind: its name in meshio, its dimension, nodes (n, A) in VTK's order."""
@@ -22,7 +25,8 @@ class Source:
 
     points : (N, >= d) [m].  sets : name -> for each block the numbers of its cells in the set.
     arrays : name -> for each block one integer per cell.  node_sets : name -> node numbers.
-    sections : the sets that the file gives materials to, if it does.
+    sections : the sets that the file gives materials to, if it does.  tags : cells and facets of
+    the mesh over again, in sets or with arrays.
     """
 
     points: np.ndarray
@@ -31,6 +35,7 @@ class Source:
     arrays: dict[str, list[np.ndarray]] = field(default_factory=dict)
     node_sets: dict[str, np.ndarray] = field(default_factory=dict)
     sections: tuple[str, ...] = ()
+    tags: list["Source"] = field(default_factory=list)
 
 
 class Unusable(ValueError):
@@ -40,3 +45,8 @@ class Unusable(ValueError):
 def numbered(number: int) -> str:
     """Return the name of a group that has only a number."""
     return f"group_{number}"
+
+
+def dimension(name: str) -> int:
+    """Return the dimension of a kind of cells by its name in meshio."""
+    return _DIMENSIONS.get(name.rstrip("0123456789"), 3)

@@ -28,12 +28,16 @@ from .start import put_at_start
 from .supports import require_supports
 
 
+def _reading(section):
+    return Reading(section.array, section.groups, section.scale, section.facets)
+
+
 def serial_mesh(scene: Scene) -> Mesh:
     """Return the checked serial mesh of a scene; raises InputError (call it on one rank)."""
     section = scene.mesh
     where = str(scene.source_path or "scene")
     mesh = (
-        read_mesh(section.path, section.dim, Reading(section.array, section.groups, section.scale))
+        read_mesh(section.path, section.dim, _reading(section))
         if section.kind == "file"
         else _generated(section, where)
     )
