@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 from free_flow import RHO, Flow, solved
 from manufactured import t, x, y
+from mpi4py import MPI
 from running import SCENES, Job, run_here
 
 from porofsi_petsc import load_scene
@@ -16,6 +17,7 @@ from porofsi_petsc.conditions import State
 from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.output.history import read_history
 from porofsi_petsc.phases.coupling_data import Rates
+from porofsi_petsc.simulation.simulation import Simulation
 
 BETA = 0.8
 # The top is at rest and the uniform flow (2, -1) m/s enters through it; everything else moves
@@ -118,13 +120,49 @@ def test_it_keeps_a_flow_that_reverses_in_bounds(tmp_path):
     scene = str(SCENES / "reversing_channel.toml")
     out = str(tmp_path)
     run_here(Job(scene, out))
-    largest = np.abs(read_history(tmp_path / "history.csv")["A.vf_x"]).max()
+    found = read_history(tmp_path / "history.csv")["A.vf_x"]
+    largest = np.abs(found).max()
     print(f"largest speed at A: {largest:.3g} m/s, 10 m/s at the inlet")
     assert largest < 10
+    run_here(Job(scene, out, ("boundary.2.backflow=0.0",), force=True))  # by itself
+    assert np.array_equal(read_history(tmp_path / "history.csv")["A.vf_x"], found)
     with pytest.raises(
         ConvergenceError, match="; try backflow = 1 on a boundary through which the flow comes back"
     ):
-        run_here(Job(scene, out, ("boundary.2.backflow=0.0",), force=True))
+        off = "boundary.2.backflow=0.0", "stabilization.backflow=false"
+        run_here(Job(scene, out, off, force=True))
+
+
+OUTLET = "{on='right', %s}"
+SIDES = "boundary=[{on='left', velocity={x=1, y=0}}, {on=['bottom', 'top'], velocity={y=0}}, %s]"
+
+
+@pytest.mark.parametrize(
+    "outlet, has_it",
+    [
+        ("displacement={x=0}", True),
+        ("velocity={y=0}", True),
+        ("windkessel={distal=1}", True),
+        ("velocity={x=1}", False),
+        ("traction={x=0}", False),
+        ("dead_pressure=0", False),
+        ("backflow=0.3", False),
+    ],
+)
+def test_an_open_boundary_has_it_by_itself(outlet, has_it):
+    """Where nothing across it is given but a windkessel, and the fluid has inertia and
+    convection.
+    """
+    changes = SIDES % (OUTLET % outlet), "model.fluid_inertia=true", "model.convection=true"
+    for more, wanted in (
+        ((), has_it),
+        (("stabilization.backflow=false",), False),
+        (("model.convection=false",), False),
+    ):
+        scene = load_scene(str(SCENES / "outlet.toml"), (*changes, *more))
+        fluid = Simulation(scene, MPI.COMM_SELF).coupling.fluid
+        keys = [place.key for place in fluid.surfaces]
+        assert ("backflow:right" in keys) == wanted
 
 
 def test_refused_where_it_has_no_meaning(tmp_path):

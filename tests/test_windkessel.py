@@ -1,5 +1,7 @@
 """Windkessel outlets: a plug flow in a channel makes of the equations ordinary ones."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from running import SCENES, Job, history, needs_mpirun, run_here, run_on
@@ -32,18 +34,25 @@ def errors(folder, steps, reference, *changes):
     ]
 
 
-def given_flow(t):
+def given_flow(t, proximal=R_P):
     """Return pressure and flow where the inflow is 0.3 + 0.2 sin 3t m/s."""
     tau, w = R_D * C, 3.0
     decay = np.exp(-t / tau)
     wave = (np.sin(w * t) - w * tau * (np.cos(w * t) - decay)) / (1 + (w * tau) ** 2)
     Q = HEIGHT * (0.3 + 0.2 * np.sin(w * t))
-    return R_P * Q + R_D * HEIGHT * (0.3 * (1 - decay) + 0.2 * wave), Q
+    return proximal * Q + R_D * HEIGHT * (0.3 * (1 - decay) + 0.2 * wave), Q
 
 
-def test_pressure_of_a_given_flow_converges_with_order_two(tmp_path):
-    change = outlet(), "boundary.0.velocity.x='0.3 + 0.2*sin(3*t)'", "initial.fluid_velocity.x=0.3"
-    coarse, fine = (errors(tmp_path, n, given_flow, *change) for n in (16, 32))
+@pytest.mark.parametrize("proximal", [0.0, R_P])
+def test_pressure_of_a_given_flow_converges_with_order_two(tmp_path, proximal):
+    """Of two elements and of three."""
+    change = (
+        outlet(proximal),
+        "boundary.0.velocity.x='0.3 + 0.2*sin(3*t)'",
+        "initial.fluid_velocity.x=0.3",
+    )
+    reference = partial(given_flow, proximal=proximal)
+    coarse, fine = (errors(tmp_path, n, reference, *change) for n in (16, 32))
     order = np.log2(coarse[0] / fine[0])
     print(f"errors of p {coarse[0]:.1e}, {fine[0]:.1e}, order {order:.2f}; of Q {fine[1]:.0e}")
     assert order > 1.9
@@ -115,6 +124,37 @@ def test_steady_flow_through_a_resistance(tmp_path):
     assert p == pytest.approx((R_P + R_D) * Q, rel=1e-9)
     # the channel has 4.5 % of the resistance, and other profiles than Poiseuille's at its ends
     assert Q == pytest.approx(640 / (R_P + R_D + poiseuille), rel=0.01)
+
+
+BRANCHES = (
+    "boundary=[{on='left', inflow={flow_rate=0.3}}, {on=['bottom', 'top'], velocity={x=0, y=0}},"
+    " {on='lower', windkessel={distal=2e5, compliance=1e-6}},"
+    " {on='upper', windkessel={proximal=1e5, distal=5e5, compliance=4e-7}}]",
+    "mesh.patches=[{name='lower', side='right', y=[0, 0.1]},"
+    " {name='upper', side='right', y=[0.1, 0.2]}]",
+    "mesh.y.cells=[4]",
+    "model.viscosity=true",
+    "material.0.fluid={density=1.0, viscosity=1e-2}",
+)
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        ("model.fluid_inertia=false", "time.scheme=steady"),
+        ("time.end=10", "time.growth=1.5"),  # 50 R C, with steps far above √(inertance C)
+    ],
+)
+def test_a_steady_flow_divides_as_the_inverse_resistances(tmp_path, scheme):
+    """Q₁/Q₂ = R₂/R₁ = 3 of two outlets beside each other, R Q = p of each."""
+    run_here(Job(SCENE, str(tmp_path), (*BRANCHES, *scheme)))
+    found = history(tmp_path)
+    lower, upper = (found[f"{tag}.flow_rate"][-1] for tag in ("lower", "upper"))
+    print(f"Q {lower:.6f}, {upper:.6f}, ratio {lower / upper:.6f}")
+    assert lower + upper == pytest.approx(0.3, rel=1e-8)
+    assert lower / upper == pytest.approx(3.0, rel=1e-3)  # the fluid between has 1e-4 of them
+    assert found["lower.pressure"][-1] == pytest.approx(2e5 * lower, rel=1e-4)
+    assert found["upper.pressure"][-1] == pytest.approx(6e5 * upper, rel=1e-4)
 
 
 COUPLED = (

@@ -21,8 +21,11 @@ class Windkessel(SurfaceCondition):
 
     Without C it is a resistance R_p + R_d.  The traction along the outlet is zero, which turns the
     flow towards walls without slip: prescribe the velocity along it, zero, where the flow is that
-    of a long pipe.  In 2-D Q is that of one metre of thickness.  P is the exact answer to a flow
-    that changes linearly over a step: of second order, and without ringing however small R_d C is.
+    of a long pipe.  In 2-D Q is that of one metre of thickness.
+
+    P at the end of a step is the exact answer to the flow on the line through those of the last two
+    collocation levels, and linear between the ends of steps: of second order, without ringing
+    however small R_d C is, and without growth however long the step is beside √(inertance C).
     """
 
     behind = ("fluid",)
@@ -42,22 +45,26 @@ class Windkessel(SurfaceCondition):
         self._rule = surface.rule(2 * surface.order)
         self._stored = self.start  # P of the accepted state [Pa]
         self._flow_rate = 0.0  # Q of it [m³/s]
+        self._earlier: tuple[float, float] | None = (
+            None  # time before it [s] and Q of the last collocation level
+        )
         self._slope = self.proximal + self.distal  # dp/dQ
 
     def begin_step(self, scheme: Scheme, state: State) -> None:
         """Start a step: P is linear in Q on the collocation level (collective)."""
-        self._size = None if isinstance(scheme, Steady) else scheme.dt
-        self._collocated_size = None if self._size is None else scheme.alpha_f * scheme.dt
         self._flow_before = self._flow(state)
-        self._slope = self.proximal + self.distal * self._weights(self._collocated_size)[2]
+        self._size, self._level = scheme.dt, scheme.alpha_f
+        self._is_resistance = isinstance(scheme, Steady) or not self.compliance
+        self._slope = self.proximal + self.distal
+        if not self._is_resistance:
+            self._slope = self.proximal + self._level * self._end_by_flow()
 
     def residual(self, state: State) -> np.ndarray:
         """Return ∮ N_a p n dA, (F, Af, d) [N] (collective)."""
         if state.accepted:
             return self._pressure * self._normals(state)
         flow = self._flow(state)
-        stored = self._stored_after(self._collocated_size, flow)
-        return (self.proximal * flow + stored) * self._normals(state)
+        return (self.proximal * flow + self._collocated(flow)) * self._normals(state)
 
     def low_rank(self, state: State, slope: Slope) -> LowRank:
         """Return dp/dQ b bᵀ, b = ∮ N_a n dA."""
@@ -66,28 +73,46 @@ class Windkessel(SurfaceCondition):
     def accept(self, state: State) -> None:
         """Take P and Q to the end of the step (collective)."""
         self._flow_rate = self._flow(state)
-        self._stored = self._stored_after(self._size, self._flow_rate)
+        if self._is_resistance:
+            self._stored = self.distal_pressure + self.distal * self._flow_rate
+            return
+        flow = self._flow_before + self._level * (self._flow_rate - self._flow_before)
+        self._stored = self._end(flow)
+        self._earlier = ((1 - self._level) * self._size, flow)
 
     @property
     def _pressure(self):
         """Return that on the outlet in the accepted state [Pa]."""
         return self.proximal * self._flow_rate + self._stored
 
-    def _stored_after(self, size, flow):
-        """Return P where the flow has come to `flow`, linearly, from that of the accepted state:
-        the exact solution.
+    def _collocated(self, flow):
+        """Return P on the collocation level, where the flow is `flow`."""
+        if self._is_resistance:
+            return self.distal_pressure + self.distal * flow
+        return self._stored + self._level * (self._end(flow) - self._stored)
 
-        size : time from there [s], None where there is no time
-        """
-        of_stored, of_before, of_now = self._weights(size)
-        flows = of_before * self._flow_before + of_now * flow
+    def _end(self, flow):
+        """Return P at the end of a step of the flow `flow` on the collocation level."""
+        before, earlier = self._earlier or (0.0, self._flow_before)
+        since = self._level * self._size
+        slope = (flow - earlier) / (since + before)
+        first, last = flow - since * slope, flow + (self._size - since) * slope
+        of_stored, of_first, of_last = self._weights(self._size)
         rest = of_stored * (self._stored - self.distal_pressure)
-        return self.distal_pressure + rest + self.distal * flows
+        return self.distal_pressure + rest + self.distal * (of_first * first + of_last * last)
+
+    def _end_by_flow(self):
+        """Return its derivative by that flow."""
+        since = self._level * self._size
+        before = self._earlier[0] if self._earlier else 0.0
+        _, of_first, of_last = self._weights(self._size)
+        last = of_last * (self._size + before) / (since + before)
+        return self.distal * (of_first * before / (since + before) + last)
 
     def _weights(self, size):
-        """Return e, φ - e and 1 - φ with e = exp(-x), φ = (1 - e)/x, x the time over R_d C."""
-        if size is None or not self.compliance:
-            return 0.0, 0.0, 1.0
+        """Return e, φ - e and 1 - φ with e = exp(-x), φ = (1 - e)/x, x the time over R_d C: of P
+        and of the first and last flow in its exact answer to one that changes linearly.
+        """
         x = size / (self.distal * self.compliance)
         if x < FEW_DIGITS:
             return np.exp(-x), x / 2 - x**2 / 3 + x**3 / 8, x / 2 - x**2 / 6 + x**3 / 24
@@ -110,6 +135,7 @@ class Windkessel(SurfaceCondition):
             "pressure": float(self._stored),
             "flow_rate": self._flow_rate,
             "slope": float(self._slope),
+            "earlier": self._earlier,
         }
 
     def load(self, memory: dict[str, Any]) -> None:
@@ -117,6 +143,7 @@ class Windkessel(SurfaceCondition):
         self._stored = memory["pressure"]
         self._flow_rate = memory["flow_rate"]
         self._slope = memory["slope"]
+        self._earlier = memory.get("earlier")  # none in checkpoints of older versions
 
     def recorded(self) -> tuple[float, float]:
         """Return the pressure on the outlet and the flow through it."""

@@ -178,12 +178,13 @@ class Time(Table):
 
 
 class Stabilization(Table):
-    """Stabilization terms of the fluid block and of the undrained limit."""
+    """Stabilization terms of the fluid block, of the undrained limit and of outlets."""
 
     pspg: Flag = True
     supg: Flag = True
     lsic: Flag = True
     undrained: Flag = True
+    backflow: Flag = True
 
 
 class Coupling(Table):

@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from ..conditions.backflow import Backflow
 from ..config import Scene
 from ..config.expressions import Expression
 from ..coupling.condensed import CondensedCoupling
@@ -17,6 +18,7 @@ from ..fem.closed import closed_nodes
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..fem.essential import Essential
+from ..fem.surface import Surface
 from ..fem.transfer import InterfaceTransfer, Pair
 from ..linalg.options import are_factored
 from ..linalg.stopwatch import Stopwatch
@@ -27,12 +29,14 @@ from ..phases.free_fluid import FreeFluid
 from ..phases.interface_monolithic import InterfaceSystem
 from ..phases.mesh_motion import MeshMotion
 from ..phases.setup import ElasticSolidSetup, FreeFluidSetup, MeshSetup
+from ..phases.surface_terms import OnSurface
 from .axis import axis_tags
 from .builder import MONOLITHIC, Builder, is_direct
 from .closed import InterfaceScheme, closed_parts, interface_scheme
 from .conditions import linear_constraints
 from .inflow import inflows
 from .loads import concentrated_loads
+from .outlets import open_tags
 from .start import put_at_start
 
 # Unknowns of an interface up to which the solid's answer, a dense matrix, is made: one solution for
@@ -245,6 +249,7 @@ class InterfaceBuilder(Builder):
         given = self.essentials("velocity", self._fluid_tags)
         surfaces = self.surfaces(domain, "momentum", self._fluid_tags)
         self.require_normal_motion(surfaces, given, "velocity")
+        surfaces += self._backflow_by_default(given)
         known = self._known[1]
         return FreeFluidSetup(
             moving_mesh=self._moving,
@@ -256,6 +261,26 @@ class InterfaceBuilder(Builder):
             closed=closed_parts(self.scene, domain, self._velocity, given, known),
             **self.of_fluid(),
             **self.common(domain, self._fluids, "fluid", "plain"),
+        )
+
+    def _backflow_by_default(self, given):
+        """Return the backflow terms of surfaces through which fluid would carry energy in that
+        nothing gives (collective).
+        """
+        model = self.scene.model
+        wanted = self.scene.stabilization.backflow
+        if not (wanted and model.convection and model.fluid_inertia):
+            return ()
+        free = tags_of(self.mesh, Domain(self.mesh, self._free).row_of_cell)
+        porous = tags_of(self.mesh, Domain(self.mesh, self._pores).row_of_cell)
+        tags = open_tags(self.scene, self.mesh, free - porous - axis_tags(self.mesh), given)
+        return tuple(
+            OnSurface(
+                Backflow(value=1.0),
+                Surface(self._fluid_domain, tag, self.materials),
+                f"backflow:{tag}",
+            )
+            for tag in tags
         )
 
     def conditions(self) -> InterfaceConditions:
