@@ -71,7 +71,10 @@ def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
     assert np.abs(material.stress(np.broadcast_to(Q - identity, F.shape))).max() < 1e-14
 
 
-@pytest.mark.parametrize("law", [name for name, law in ELASTIC.items() if not law.small_strain])
+WITHOUT = ["linear_elastic", "holmes_mow"]  # a mixed tangent: nothing is stiff in volume
+
+
+@pytest.mark.parametrize("law", [name for name in ELASTIC if name not in WITHOUT])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_mixed_tangent_has_the_stress_of_the_iterate_before_made_linear(dim, law):
     """In its geometric part: that of a law with the same tangent whose P grows linearly; the error

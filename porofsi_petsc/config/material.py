@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from ..materials import ELASTIC, PERMEABILITY
+from ..materials import ELASTIC, PERMEABILITY, ElasticLaw
 from ..registry import Parameter, Registry, parameters
 from .types import ListOf, Number, Positive, Table, Tags, wrong
 
@@ -30,7 +30,7 @@ class OfLaw(Table):
 
     law: str
 
-    def of_law(self) -> dict[str, float]:
+    def of_law(self) -> dict[str, Any]:
         """Return the parameters of the law by name."""
         return {
             name: getattr(self, name) for name in type(self).model_fields if name not in self.common
@@ -77,7 +77,9 @@ def _of_law(table, name, law):
 
 def _key(entry: Parameter) -> tuple:
     """Return type and default of a parameter."""
-    kind = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
+    kind: Any = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
+    if entry.kind == "numbers":
+        kind = Annotated[tuple[kind, ...], ListOf(1, 3)]
     return kind, ... if entry.default is None else entry.default
 
 
@@ -255,6 +257,24 @@ class Material(Table):
                 "solid.law",
             )
         return self
+
+    @model_validator(mode="after")
+    def _law_is_one(self):
+        """Refuse parameters that the law refuses together."""
+        if self.solid:
+            try:
+                self.elastic_law()
+            except ValueError as error:
+                raise wrong(str(error), "solid") from error
+        return self
+
+    def elastic_law(self) -> ElasticLaw:
+        """Return the law of the solid with its parameters."""
+        solid = self.solid
+        assert solid  # nobody asks a fluid
+        return ELASTIC[solid.law](
+            solid.lambda_, solid.mu, 1 - (self.porosity or 0.0), **solid.of_law()
+        )
 
     @model_validator(mode="after")
     def _constituents_agree(self):

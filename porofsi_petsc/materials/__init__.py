@@ -6,9 +6,11 @@ from ..registry import Registry, parameter
 from .contract import check_elastic
 from .elastic import ElasticLaw
 from .from_energy import FromEnergy
+from .holmes_mow import HolmesMow
 from .linear import Harmonic, LinearElastic
 from .mooney_rivlin import MooneyRivlin
 from .neo_hookean import EhlersEipper, NeoHookean, NeoHookeanJ2, XieLeo
+from .ogden import Ogden
 from .permeability import PERMEABILITY, PermeabilityLaw
 from .saint_venant_kirchhoff import SaintVenantKirchhoff
 
@@ -21,6 +23,8 @@ ELASTIC = Registry(
         "neo_hookean": NeoHookean,
         "neo_hookean_j2": NeoHookeanJ2,
         "mooney_rivlin": MooneyRivlin,
+        "ogden": Ogden,
+        "holmes_mow": HolmesMow,
         "xie_leo": XieLeo,
         "ehlers_eipper": EhlersEipper,
     },
