@@ -12,7 +12,7 @@ class Parameter(NamedTuple):
     """What a scene gives to a law or a condition: its unit, what it is, its range, its value in
     tests.
 
-    kind : "number", "numbers" (one to three in a list, each in the range; for laws alone),
+    kind : "number", "numbers" (up to three in a list, each in the range; for laws alone),
     "formula" of time and position, or "vector" of formulas; above : exclusive;
     default : None where the scene has to give it, {} of a vector that may be left out
     """

@@ -79,7 +79,7 @@ def _key(entry: Parameter) -> tuple:
     """Return type and default of a parameter."""
     kind: Any = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
     if entry.kind == "numbers":
-        kind = Annotated[tuple[kind, ...], ListOf(1, 3)]
+        kind = Annotated[tuple[kind, ...], ListOf(0, 3)]
     return kind, ... if entry.default is None else entry.default
 
 
@@ -290,6 +290,12 @@ class Material(Table):
                     "received one with a free fluid, which is incompressible; leave it out",
                     "fluid.bulk_modulus",
                 )
+        elif self.biot_coefficient != 1.0 and self.elastic_law().anisotropic:
+            raise wrong(
+                f"received {self.biot_coefficient:g} with the law '{self.solid.law}', expected an"
+                " isotropic one beside compressible grains; leave it out",
+                "biot_coefficient",
+            )
         elif self.biot_coefficient <= self.porosity:
             raise wrong(
                 f"received {self.biot_coefficient:g}, expected more than the porosity"

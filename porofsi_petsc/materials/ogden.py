@@ -31,8 +31,10 @@ class Ogden(ElasticLaw):
 
     def __post_init__(self) -> None:
         """Raise ValueError where exponents and shares are no law."""
-        if 0.0 in self.exponents:
-            raise ValueError(f"exponents: received {list(self.exponents)}, expected none of 0")
+        if 0.0 in self.exponents or not self.exponents:
+            raise ValueError(
+                f"exponents: received {list(self.exponents)}, expected one to three, none of 0"
+            )
         if len(self.shares) != len(self.exponents) or abs(sum(self.shares) - 1) > 1e-9:
             raise ValueError(
                 f"shares: received {list(self.shares)}, expected one of each of the"
