@@ -103,4 +103,11 @@ def _range(entry: Parameter) -> Iterator[str]:
     if entry.kind == "vector" and entry.default is not None:
         yield "default none"
     else:
-        yield "required" if entry.default is None else f"default {entry.default:g}"
+        yield "required" if entry.default is None else f"default {_plain(entry.default)}"
+
+
+def _plain(default: float | tuple[float, ...]) -> str:
+    """Return a number or a list of some as a scene has it."""
+    if isinstance(default, tuple):
+        return f"[{', '.join(map(_plain, default))}]"
+    return f"{default:g}"

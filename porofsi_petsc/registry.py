@@ -12,11 +12,12 @@ class Parameter(NamedTuple):
     """What a scene gives to a law or a condition: its unit, what it is, its range, its value in
     tests.
 
-    kind : "number", "formula" of time and position, or "vector" of formulas; above : exclusive;
+    kind : "number", "numbers" (up to three in a list, each in the range; for laws alone),
+    "formula" of time and position, or "vector" of formulas; above : exclusive;
     default : None where the scene has to give it, {} of a vector that may be left out
     """
 
-    kind: Literal["number", "formula", "vector"]
+    kind: Literal["number", "numbers", "formula", "vector"]
     unit: str
     meaning: str
     above: float | None
@@ -31,7 +32,7 @@ def parameter(
     meaning: str,
     *,
     example: Any,
-    kind: Literal["number", "formula", "vector"] = "number",
+    kind: Literal["number", "numbers", "formula", "vector"] = "number",
     above: float | None = None,
     at_least: float | None = None,
     at_most: float | None = None,
@@ -67,6 +68,8 @@ def examples(law: type) -> dict[str, Any]:
 
 
 def _in_range(value, entry):
+    if entry.kind == "numbers":
+        return all(_in_range(number, entry._replace(kind="number")) for number in value)
     return (
         (entry.above is None or value > entry.above)
         and (entry.at_least is None or value >= entry.at_least)
@@ -165,7 +168,7 @@ class Registry(Mapping[str, Any]):
                 raise ValueError(f"the parameter '{key}' has the name of something else")
             for what in ("default", "example"):
                 value = getattr(entry, what)
-                if entry.kind == "number" and value is not None and not _in_range(value, entry):
+                if entry.kind[:6] == "number" and value is not None and not _in_range(value, entry):
                     raise ValueError(f"the {what} of '{key}', {value}, is out of its range")
 
     @property

@@ -8,7 +8,6 @@ from running import Job, fields, history, needs_mpirun, run_here, run_on, summar
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.exact import Cryer
-from porofsi_petsc.simulation.builder import elastic_law
 from porofsi_petsc.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("petsc")
@@ -19,7 +18,7 @@ DISC = (*PLANE, "mesh.axisymmetric=true")
 def test_cryers_sphere_rises_before_it_falls(tmp_path):
     """Half of the scene, with its bounds; its peak is that of the exact solution."""
     scene = load_scene("cryer_axisymmetric")
-    law = elastic_law(scene.material[0])
+    law = scene.material[0].elastic_law()
     diffusivity = scene.material[0].mobility * law.oedometer_modulus
     exact = Cryer(1e3, 1.0, law.lam, law.mu, diffusivity)
     (peak,) = (expect for expect in scene.expect if expect.quantity == "centre.p")

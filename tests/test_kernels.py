@@ -71,7 +71,14 @@ def test_stress_is_the_derivative_of_the_energy_and_objective(dim, law):
     assert np.abs(material.stress(np.broadcast_to(Q - identity, F.shape))).max() < 1e-14
 
 
-@pytest.mark.parametrize("law", [name for name, law in ELASTIC.items() if not law.small_strain])
+WITHOUT = [
+    "linear_elastic",
+    "transversely_isotropic",
+    "holmes_mow",
+]  # a mixed tangent: nothing is stiff in volume
+
+
+@pytest.mark.parametrize("law", [name for name in ELASTIC if name not in WITHOUT])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_mixed_tangent_has_the_stress_of_the_iterate_before_made_linear(dim, law):
     """In its geometric part: that of a law with the same tangent whose P grows linearly; the error
@@ -113,7 +120,10 @@ def test_a_change_that_keeps_the_volume_to_first_order_leaves_no_pressure_in_the
     assert energy[1] == pytest.approx(4 * material.mu, rel=0.1)
 
 
-@pytest.mark.parametrize("law", ELASTIC)
+ISOTROPIC = [name for name, law in ELASTIC.items() if not law.anisotropic]
+
+
+@pytest.mark.parametrize("law", ISOTROPIC)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stress_of_a_tiny_strain_keeps_its_digits(dim, law):
     """At |H| = 1e-10 the laws agree with linear elasticity up to terms of order |H|; by way of F
@@ -325,7 +335,7 @@ def test_an_inverted_trial_state_is_marked_without_a_warning(law):
     assert np.isnan(material.stress(H)[0, 1, 1]) and np.isnan(material.energy(H)[0])
 
 
-@pytest.mark.parametrize("law", [law for law in ELASTIC if law != "harmonic"])
+@pytest.mark.parametrize("law", ISOTROPIC)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_volumetric_compliance_is_that_of_the_stress_of_a_compressed_body(dim, law):
     """Mean of 1/E_c and 1/K_d, both from differences of the stress: of a strain along an axis, of a

@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from ..materials import ELASTIC, PERMEABILITY
+from ..materials import ELASTIC, PERMEABILITY, ElasticLaw
 from ..registry import Parameter, Registry, parameters
 from .types import ListOf, Number, Positive, Table, Tags, wrong
 
@@ -30,7 +30,7 @@ class OfLaw(Table):
 
     law: str
 
-    def of_law(self) -> dict[str, float]:
+    def of_law(self) -> dict[str, Any]:
         """Return the parameters of the law by name."""
         return {
             name: getattr(self, name) for name in type(self).model_fields if name not in self.common
@@ -77,7 +77,9 @@ def _of_law(table, name, law):
 
 def _key(entry: Parameter) -> tuple:
     """Return type and default of a parameter."""
-    kind = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
+    kind: Any = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
+    if entry.kind == "numbers":
+        kind = Annotated[tuple[kind, ...], ListOf(0, 3)]
     return kind, ... if entry.default is None else entry.default
 
 
@@ -257,6 +259,24 @@ class Material(Table):
         return self
 
     @model_validator(mode="after")
+    def _law_is_one(self):
+        """Refuse parameters that the law refuses together."""
+        if self.solid:
+            try:
+                self.elastic_law()
+            except ValueError as error:
+                raise wrong(str(error), "solid") from error
+        return self
+
+    def elastic_law(self) -> ElasticLaw:
+        """Return the law of the solid with its parameters."""
+        solid = self.solid
+        assert solid  # nobody asks a fluid
+        return ELASTIC[solid.law](
+            solid.lambda_, solid.mu, 1 - (self.porosity or 0.0), **solid.of_law()
+        )
+
+    @model_validator(mode="after")
     def _constituents_agree(self):
         if self.kind != "porous":
             if self.biot_coefficient != 1.0:
@@ -270,6 +290,12 @@ class Material(Table):
                     "received one with a free fluid, which is incompressible; leave it out",
                     "fluid.bulk_modulus",
                 )
+        elif self.biot_coefficient != 1.0 and self.elastic_law().anisotropic:
+            raise wrong(
+                f"received {self.biot_coefficient:g} with the law '{self.solid.law}', expected an"
+                " isotropic one beside compressible grains; leave it out",
+                "biot_coefficient",
+            )
         elif self.biot_coefficient <= self.porosity:
             raise wrong(
                 f"received {self.biot_coefficient:g}, expected more than the porosity"

@@ -9,6 +9,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from ..conditions import CONDITIONS
 from ..errors import digits, listed, shown
 from ..materials import ELASTIC, PERMEABILITY
+from ..materials.fibres import mirrored
 from ..quantities import OF_STRESS, SURFACES
 from .conditions import (
     BodyForce,
@@ -434,6 +435,26 @@ class Scene(Table):
                     " axis",
                     f"material.{i}.permeability.anisotropy",
                 )
+            law = material.elastic_law() if material.solid else None
+            if law and law.anisotropic:
+                self._check_directions(law, i)
+
+    def _check_directions(self, law, i):
+        key = f"material.{i}.solid.axis"
+        if self.dim == 2 and not mirrored(law.axes):
+            raise wrong(
+                "received a direction out of the plane without its mirror image, with which a load"
+                " in the plane moves points out of it; expected one in the plane, or [0, 0, 1], or"
+                " a second one with the opposite third component",
+                key,
+            )
+        if any(boundary.absorbing for boundary in self.boundary):
+            raise wrong(
+                f"received '{self.material[i].solid.law}' beside an absorbing boundary, whose"
+                " impedances are those of isotropic materials; expected an isotropic law, or no"
+                " absorbing boundary",
+                f"material.{i}.solid.law",
+            )
 
     def _check_auto(self):
         for term, limit in LIMIT_OF.items():
@@ -617,6 +638,13 @@ class Scene(Table):
             )
 
     def _check_soil(self):
+        if self.material[0].elastic_law().anisotropic:
+            raise wrong(
+                f"received '{self.reference.solution}' with the law"
+                f" '{self.material[0].solid.law}', expected an isotropic one; leave the section out"
+                " and give [[expect]]",
+                "reference.solution",
+            )
         if self.material[0].permeability.anisotropy:
             raise wrong(
                 f"received '{self.reference.solution}' with material.permeability.anisotropy,"

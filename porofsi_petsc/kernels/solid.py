@@ -207,7 +207,7 @@ def volumetric_compliance(law: Stress, H: np.ndarray) -> np.ndarray:
     against a uniform dilation, λ + 2μ/d at H = 0: the answer of one that is free.  Every body
     answers with a compliance between the two, so that with their mean the error of a fixed-stress
     split falls by (E_c - K_d)/(E_c + K_d) or better: 1/2 at ν = 0 in 3-D, 1/3 in plane strain (with
-    1/E_c: 2 and 1).
+    1/E_c: 2 and 1).  Of an anisotropic law 1/K_d is I:A^-1:I, the answer of a free body.
     """
     d = H.shape[-1]
     F = H + np.eye(d)
@@ -215,7 +215,22 @@ def volumetric_compliance(law: Stress, H: np.ndarray) -> np.ndarray:
     volume = np.linalg.det(H + np.eye(d))
     along = np.einsum("...ij,...il,...ijil->...", F, F, A)
     dilation = np.einsum("...ij,...kl,...ijkl->...", F, F, A)
-    return 0.5 * volume * (d / along + d**2 / dilation)
+    free = _free_compliance(F, A) if law.anisotropic else d**2 / dilation
+    return 0.5 * volume * (d / along + free)
+
+
+def _free_compliance(F, A):
+    """Return I:c^-1:I, (...), c_ijkl = F_jJ F_lL A_iJkL made symmetric in ij and in kl."""
+    d = F.shape[-1]
+    c = np.einsum("...jJ,...lL,...iJkL->...ijkl", F, F, A)
+    c = (c + np.swapaxes(c, -4, -3)) / 2
+    c = (c + np.swapaxes(c, -2, -1)) / 2
+    rows, columns = np.triu_indices(d)
+    matrix = c[..., rows, columns, :, :][..., rows, columns]
+    matrix *= np.where(rows == columns, 1, 2)  # of ε_ij and ε_ji together
+    identity = (rows == columns).astype(float)
+    strain = np.linalg.solve(matrix, np.broadcast_to(identity, matrix.shape[:-1])[..., None])
+    return strain[..., 0] @ identity
 
 
 def stored_energy(

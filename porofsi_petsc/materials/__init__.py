@@ -6,11 +6,15 @@ from ..registry import Registry, parameter
 from .contract import check_elastic
 from .elastic import ElasticLaw
 from .from_energy import FromEnergy
+from .holmes_mow import HolmesMow
+from .holzapfel import HolzapfelGasserOgden
 from .linear import Harmonic, LinearElastic
 from .mooney_rivlin import MooneyRivlin
 from .neo_hookean import EhlersEipper, NeoHookean, NeoHookeanJ2, XieLeo
+from .ogden import Ogden
 from .permeability import PERMEABILITY, PermeabilityLaw
 from .saint_venant_kirchhoff import SaintVenantKirchhoff
+from .transversely_isotropic import TransverselyIsotropic
 
 ELASTIC = Registry(
     "elastic law",
@@ -21,6 +25,10 @@ ELASTIC = Registry(
         "neo_hookean": NeoHookean,
         "neo_hookean_j2": NeoHookeanJ2,
         "mooney_rivlin": MooneyRivlin,
+        "ogden": Ogden,
+        "holmes_mow": HolmesMow,
+        "transversely_isotropic": TransverselyIsotropic,
+        "holzapfel_gasser_ogden": HolzapfelGasserOgden,
         "xie_leo": XieLeo,
         "ehlers_eipper": EhlersEipper,
     },

@@ -14,7 +14,8 @@ SMALL = 1e-6
 def check_elastic(law: type) -> None:
     """Raise ValueError where an elastic law breaks its contract in two or three dimensions.
 
-    At rest no stress and the tangent of λ and μ; the stress is the slope of the energy and turns
+    At rest no stress and the tangent of λ and μ, of an anisotropic law moduli between those that it
+    gives; the stress is the slope of the energy and turns
     with the body; the tangent is the slope of the stress.
     """
     body = law(LAM, MU, N_S, **examples(law))
@@ -47,11 +48,28 @@ def _check_at_rest(body, d):
     stress = _finite(body.stress(rest), rest.shape, "stress")
     if np.abs(stress).max() > SMALL * MU:
         raise ValueError(f"a stress of {np.abs(stress).max():.3g} at rest, expected none")
+    found = _finite(body.tangent(rest), (1, d, d, d, d), "tangent")[0]
+    if body.anisotropic:
+        _check_moduli(body, d)
+        return
     I = np.eye(d)  # noqa: E741
     expected = LAM * np.einsum("iJ,kL->iJkL", I, I)
     expected += MU * (np.einsum("ik,JL->iJkL", I, I) + np.einsum("iL,kJ->iJkL", I, I))
-    found = _finite(body.tangent(rest), (1, d, d, d, d), "tangent")[0]
     _require(found, expected, f"the tangent at rest is not that of λ = {LAM:g} and μ = {MU:g}")
+
+
+def _check_moduli(body, d):
+    """Look at the moduli of compressions and stretches along many directions, small ones."""
+    n = np.random.default_rng(d).standard_normal((200, d))
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    for strain in (-STEP, STEP):
+        A = body.tangent(strain * n[:, :, None] * n[:, None, :])
+        moduli = np.einsum("pi,pJ,pk,pL,piJkL->p", n, n, n, n, A)
+        slack = 100 * STEP * MU
+        if moduli.min() < body.softest_modulus - slack:
+            raise ValueError(f"a modulus of {moduli.min():.3g}, less than the softest_modulus")
+        if moduli.max() > body.oedometer_modulus + slack:
+            raise ValueError(f"a modulus of {moduli.max():.3g}, more than the oedometer_modulus")
 
 
 def _check_objective(body, H, P):

@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ElasticLaw:
-    """Lamé parameters [Pa] that every law reduces to at small strain.
+    """Lamé parameters [Pa] that every isotropic law reduces to at small strain.
 
     A new law: a subclass with `energy`, `stress` and `tangent`, its own numbers as fields by
     `law.parameter`, and a line of `materials.ELASTIC`; one with the energy alone is a
@@ -30,11 +30,21 @@ class ElasticLaw:
     small_strain = False  # true: the stress is linear in F and the tangent constant
     # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
     compacts = False
+    # true: at small strain it is not that of λ and μ alone; then the law has `axes`, unit vectors
+    # (3,), and its own moduli
+    anisotropic = False
 
     @property
     def oedometer_modulus(self) -> float:
-        """Return E_c = lambda + 2 mu [Pa], the modulus of a laterally confined compression."""
+        """Return E_c = lambda + 2 mu [Pa], the modulus of a laterally confined compression; of an
+        anisotropic law that of the stiffest direction.
+        """
         return self.lam + 2 * self.mu
+
+    @property
+    def softest_modulus(self) -> float:
+        """Return the modulus of a laterally confined compression in the softest direction [Pa]."""
+        return self.oedometer_modulus
 
     lowest_ratio = 0.0  # J in confined compression below which the law softens, or has no stress
 

@@ -74,6 +74,30 @@ class KozenyCarman(PermeabilityLaw):
 
 
 @dataclass(frozen=True)
+class HolmesMow(PermeabilityLaw):
+    """k/k0 = [(J - n_s0)/(1 - n_s0)]^κ exp(M (J² - 1)/2), of cartilage (Holmes & Mow 1990)."""
+
+    closes = True
+    exponent: float = parameter("-", "κ", above=0.0, at_most=100.0, example=2.0)
+    slope: float = parameter("-", "M", at_least=0.0, at_most=100.0, example=4.6)
+
+    def factor(self, J: np.ndarray, n_s0: float) -> np.ndarray:
+        """Return [(J - n_s0)/(1 - n_s0)]^κ exp(M (J² - 1)/2)."""
+        return ((J - n_s0) / (1 - n_s0)) ** self.exponent * np.exp(self.slope * (J**2 - 1) / 2)
+
+
+@dataclass(frozen=True)
+class Exponential(PermeabilityLaw):
+    """k/k0 = exp(M (J - 1)), of cartilage, e = J - 1 the dilatation (Lai & Mow 1980)."""
+
+    slope: float = parameter("-", "M", at_least=0.0, at_most=100.0, example=4.3)
+
+    def factor(self, J: np.ndarray, n_s0: float) -> np.ndarray:
+        """Return exp(M (J - 1))."""
+        return np.exp(self.slope * (J - 1))
+
+
+@dataclass(frozen=True)
 class XieLeo(PermeabilityLaw):
     """k/k0 = J², of the exact large-strain consolidation of Xie & Leo (2004)."""
 
@@ -90,6 +114,8 @@ PERMEABILITY = Registry(
         "markert": Markert,
         "ehlers_eipper": EhlersEipper,
         "kozeny_carman": KozenyCarman,
+        "holmes_mow": HolmesMow,
+        "exponential": Exponential,
         "xie_leo": XieLeo,
     },
     taken=("k", "intrinsic", "anisotropy", "angle", "axes"),

@@ -45,6 +45,12 @@ def _green_strain_loop(d):
     return loop
 
 
+def logarithm(J_1: np.ndarray) -> np.ndarray:
+    """Return ln J of J - 1, by intention NaN at J <= 0, which marks the state."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.log1p(J_1)
+
+
 def kinematics(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return F^-1, (n, d, d), and J - 1, (n,), of all n points of H (..., d, d)."""
     tensors = stacked(H)

@@ -86,9 +86,7 @@ class StabilizationParameters:
         inertia = rates.c_a * (material.rho_s + (1 - material.n_s0) * material.rho_fR)
         n = material.fluid_fraction(J)
         chi = rates.dragged_fraction(material.drag(J), n * material.rho_fR)
-        compliance = stabilization.grid_compliance(
-            material.elastic.oedometer_modulus, size, inertia
-        )
+        compliance = stabilization.grid_compliance(material.elastic.softest_modulus, size, inertia)
         self._compliance[chunk] = self._setup.undrained * rates.c_v * compliance
         moved = plus_identity(weighted(n, chi), 1 - n)
         if self._moved.ndim > moved.ndim:  # of an isotropic region beside others

@@ -19,9 +19,8 @@ from ..fem.domain import Domain
 from ..fem.essential import Dirichlet, Essential
 from ..fem.surface import Surface
 from ..linalg.stopwatch import Stopwatch
-from ..materials import ELASTIC, PERMEABILITY
+from ..materials import PERMEABILITY
 from ..materials.drag import Anisotropy
-from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
 from ..phases.loads import BodyForce
 from ..phases.surface_terms import OnSurface
@@ -47,15 +46,6 @@ def materials_of(scene: Scene, mesh: LocalMesh) -> dict[str, PorousMaterial]:
     }
 
 
-def elastic_law(entry: Material) -> ElasticLaw:
-    """Return the law of a [[material]] with a solid."""
-    solid = entry.solid
-    assert solid is not None  # nobody asks a fluid
-    return ELASTIC[solid.law](
-        solid.lambda_, solid.mu, 1 - (entry.porosity or 0.0), **solid.of_law()
-    )
-
-
 def material_of(entry: Material, model: Model) -> PorousMaterial:
     """Return what a [[material]] is under a [model]."""
     solid, fluid, permeability = entry.solid, entry.fluid, entry.permeability
@@ -63,7 +53,7 @@ def material_of(entry: Material, model: Model) -> PorousMaterial:
     if not solid:
         assert fluid  # a material has one of them
         return PorousMaterial.free_fluid(fluid.density, viscosity)
-    elastic = elastic_law(entry)
+    elastic = entry.elastic_law()
     if not fluid:
         return PorousMaterial.dense_solid(elastic, solid.density)
     assert permeability  # with both of them

@@ -28,7 +28,7 @@ from ..fem.domain import Domain
 from ..fem.geometry import Rule, geometry
 from ..materials import ElasticLaw
 from ..output.probes import Probes
-from .builder import elastic_law, material_of
+from .builder import material_of
 
 if TYPE_CHECKING:
     from .loop import Clock
@@ -75,7 +75,7 @@ class Soil:
         solid = entry.solid
         fluid = entry.fluid
         assert solid and fluid  # `Scene` refuses these solutions without a porous material
-        elastic = elastic_law(entry)
+        elastic = entry.elastic_law()
         material = material_of(entry, scene.model)
         S = float(material.storage(np.ones(())))
         densities = solid.density, fluid.density
