@@ -201,6 +201,20 @@ def test_a_bent_inlet_is_refused():
         given(*bent)
 
 
+def test_every_part_of_an_inlet_has_a_wall():
+    """Of two, the one between free sides has none."""
+    parts = (
+        "mesh.tag=[{name='two', of='left',"
+        " formula='where((y < 0.25) | ((y > 0.5) & (y < 0.75)), 1, 0)'}]",
+        "boundary=[{on='two', inflow={flow_rate=1, profile='%s'}}, {on=['left', 'right']},"
+        " {on=['bottom', 'top'], velocity={x=0, y=0}}]",
+        "surface=[]",
+    )
+    given(parts[0], parts[1] % "plug", parts[2])
+    with pytest.raises(InputError, match="has no wall at its rim"):
+        given(parts[0], parts[1] % "parabolic", parts[2])
+
+
 def test_it_belongs_to_free_fluids():
     with pytest.raises(InputError, match=r"inflow\]: received one with porous materials"):
         load_scene("terzaghi", ("boundary.0.inflow={flow_rate=1}",))

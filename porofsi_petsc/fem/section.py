@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from .distribute import LocalMesh
@@ -57,6 +58,12 @@ class Section:
     def is_plane(self) -> bool:
         """Return whether all normals are one."""
         return self.unevenness < PLANE
+
+    @property
+    def has_rim(self) -> bool:
+        """Return whether the fluid is at rest somewhere on every connected part."""
+        count, part = connected_components(self.mass, directed=False)
+        return len(np.unique(part[self.held])) == count
 
     @cached_property
     def plug(self) -> np.ndarray:

@@ -171,7 +171,7 @@ def _inlet(given, section, viscosities, scaled, where):
         )
     if given.profile == "plug":
         return Inlet(section, flow_rate, given.period, section.plug)
-    if not section.held.any():
+    if not section.has_rim:
         raise InputError(
             f"{where} has no wall at its rim, a velocity of zero or a solid, which the profile"
             f" '{given.profile}' needs; take profile = 'plug'"
