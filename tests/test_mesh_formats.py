@@ -181,7 +181,7 @@ def test_families_of_a_med_file(tmp_path, name):
     assert "groups of facets left out, all of which are in other groups: sides" in read.notes
 
 
-@pytest.mark.parametrize("suffix", [".e", ".EXO", ".mdpa", ".unv"])
+@pytest.mark.parametrize("suffix", [".mdpa", ".unv"])
 def test_formats_whose_groups_are_not_read(tmp_path, suffix):
     (tmp_path / f"a{suffix}").write_text("CDF")
     refused(tmp_path / f"a{suffix}", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")

@@ -1,5 +1,5 @@
-"""From a mesh file of any known format to what it says: Gmsh, Abaqus and XDMF by readers of their
-own, others by meshio.
+"""From a mesh file of any known format to what it says: Gmsh, Abaqus, XDMF and Exodus by
+readers of their own, others by meshio.
 """
 
 import contextlib
@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import InputError, shown
 from .abaqus import read_abaqus
 from .arrays import NOT_A_TAG, integer_arrays
+from .exodus import read_exodus
 from .gmsh import read_gmsh
 from .source import Block, Source, Unusable
 from .xdmf import read_xdmf
@@ -21,12 +22,12 @@ from .xdmf import read_xdmf
 WITHOUT_GROUPS = (".dat", ".ele", ".node", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
 # Formats whose groups meshio does not read.
 NOT_READ = {
-    **dict.fromkeys((".e", ".ex2", ".exo", ".g"), "an Exodus file, whose side sets are not read"),
     ".mdpa": "a file of Kratos, whose groups are not read",
     ".unv": "a universal file, whose groups are not read",
 }
 NASTRAN = (".bdf", ".fem", ".nas")
 OWN = {".msh": read_gmsh, ".inp": read_abaqus, ".xdmf": read_xdmf, ".xmf": read_xdmf}
+OWN |= dict.fromkeys((".e", ".ex2", ".exo", ".g", ".gen"), read_exodus)
 # Cells that meshio knows, but for their dimension
 BODIES = ("penta_prism", "hexa_prism", "wedge15", "wedge18", "pyramid13", "pyramid14")
 POLYHEDRA = "it has polyhedra, of which no element is made; mesh the body with tetra or hexahedron"
