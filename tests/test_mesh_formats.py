@@ -59,6 +59,11 @@ def test_sets_and_surfaces_of_abaqus(tmp_path, name):
     assert read.notes == ("groups of cells left out, all of which are in other groups: Eall",)
 
 
+def test_an_abaqus_file_by_the_name_that_calculix_gives_it(tmp_path):
+    (tmp_path / "all.msh").write_text(abaqus(MESHES["T4"]))
+    assert same_facets(read_mesh(tmp_path / "all.msh", 3).facets, MESHES["T4"].facets)
+
+
 def test_an_assembly_of_abaqus(tmp_path):
     """Sections say which sets are regions; the set of a surface is none; a part may be moved."""
     mesh = grid("H8", [AXIS] * 3)
@@ -181,10 +186,66 @@ def test_families_of_a_med_file(tmp_path, name):
     assert "groups of facets left out, all of which are in other groups: sides" in read.notes
 
 
-@pytest.mark.parametrize("suffix", [".mdpa", ".unv"])
-def test_formats_whose_groups_are_not_read(tmp_path, suffix):
-    (tmp_path / f"a{suffix}").write_text("CDF")
-    refused(tmp_path / f"a{suffix}", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")
+def test_a_format_whose_groups_are_not_read(tmp_path):
+    (tmp_path / "a.unv").write_text("CDF")
+    refused(tmp_path / "a.unv", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")
+
+
+# Kratos's order of nodes in numbers of VTK's (kratos/geometries/hexahedra_3d_27.h: bottom, sides
+# and top have the edges 8, 12 and 16 on, and faces are bottom, front, right, back, left and top)
+KRATOS_EDGES = [*range(12), *range(16, 20), *range(12, 16)]
+KRATOS = {"H20": KRATOS_EDGES, "H27": [*KRATOS_EDGES, 24, 22, 21, 23, 20, 25, 26]}
+
+
+def kratos(mesh, more=""):
+    """Return the text of a mesh for Kratos, its parts one in the other, numbers from 11 on."""
+    order = KRATOS.get(mesh.element.name, list(range(mesh.element.nodes)))
+    lines = ["Begin ModelPartData", "End ModelPartData // none", "Begin Nodes"]
+    for i, x in enumerate(mesh.points.tolist(), 11):
+        lines.append(" ".join(map(repr, (i, *(*x, 0.0)[:3]))))
+    lines += ["End Nodes", f"Begin Elements SmallDisplacementElement{mesh.dim}D{len(order)}N"]
+    lines += [
+        " ".join(map(str, (e, 1, *row))) for e, row in enumerate(mesh.cells[:, order] + 11, 21)
+    ]
+    lines.append("End Elements")
+    parts, number = [], 31
+    for i, name in enumerate(mesh.regions):
+        cells = np.flatnonzero(mesh.cell_region == i) + 21
+        parts.append((name, "Elements", cells))
+    for tag, facets in mesh.facets.items():
+        lines.append(f"Begin Conditions FaceLoadCondition{mesh.dim}D{facets.shape[1]}N // {tag}")
+        lines += [" ".join(map(str, (number + f, 0, *row))) for f, row in enumerate(facets + 11)]
+        lines.append("End Conditions")
+        parts.append((tag, "Conditions", number + np.arange(len(facets))))
+        number += len(facets)
+    lines += ["Begin SubModelPart whole", "Begin SubModelPartData", "X 1", "End SubModelPartData"]
+    for name, what, numbers in parts:
+        lines += [f"Begin SubModelPart {name}", f"Begin SubModelPart{what}", *map(str, numbers)]
+        lines += [f"End SubModelPart{what}", "End SubModelPart"]
+    return "\n".join([*lines, "End SubModelPart", more])
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_sub_model_parts_of_kratos(tmp_path, name):
+    mesh = MESHES[name]
+    (tmp_path / "a.mdpa").write_text(kratos(mesh))
+    read = read_mesh(tmp_path / "a.mdpa", mesh.dim)
+    assert np.array_equal(read.points, mesh.points) and np.array_equal(read.cells, mesh.cells)
+    assert same_facets(read.facets, mesh.facets) and set(read.regions) == set(mesh.regions)
+
+
+def test_nodes_of_kratos_and_what_is_refused(tmp_path):
+    mesh = MESHES["T4"]
+    text = kratos(mesh)
+    nodes = "\n".join(str(n + 11) for n in np.unique(mesh.facets["left"]))
+    more = f"Begin SubModelPart held\nBegin SubModelPartNodes\n{nodes}\nEnd SubModelPartNodes\n"
+    (tmp_path / "a.mdpa").write_text(text.replace("t left", "t x") + more + "End SubModelPart\n")
+    read = read_mesh(tmp_path / "a.mdpa", 3, Reading(groups=["held"]))
+    assert same_facets({"x": read.facets["held"]}, {"x": mesh.facets["left"]})
+    (tmp_path / "a.mdpa").write_text(text + text[text.index("Begin SubModelPart ") :])
+    refused(tmp_path / "a.mdpa", 3, "two sub model parts 'whole'; rename one")
+    (tmp_path / "a.mdpa").write_text(text.replace("3D4N", "3D7N"))
+    refused(tmp_path / "a.mdpa", 3, "elements of the type SmallDisplacementElement3D7N; mesh the")
 
 
 def test_polyhedra_are_refused(tmp_path):
