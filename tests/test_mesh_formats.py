@@ -248,6 +248,54 @@ def test_nodes_of_kratos_and_what_is_refused(tmp_path):
     refused(tmp_path / "a.mdpa", 3, "elements of the type SmallDisplacementElement3D7N; mesh the")
 
 
+FEBIO = {"T3": "tri3", "T6": "tri6", "Q4": "quad4", "Q8": "quad8", "T4": "tet4", "T10": "tet10"}
+FEBIO |= {"H8": "hex8", "H20": "hex20"}
+
+
+def febio(mesh, one_by_one=False):
+    """Return a model of FEBio 4, or of 2.5, in which node sets have an element for each node."""
+    lines = ['<febio_spec version="4.0"><Mesh>', '<Nodes name="Object">']
+    for i, x in enumerate(mesh.points.tolist(), 11):
+        lines.append(f'<node id="{i}">{",".join(map(repr, (*x, 0.0)[:3]))}</node>')
+    lines.append("</Nodes>")
+    for i, name in enumerate(mesh.regions):
+        lines.append(f'<Elements type="{FEBIO[mesh.element.name]}" name="{name}">')
+        for e in np.flatnonzero(mesh.cell_region == i):
+            lines.append(f'<elem id="{e + 1}">{", ".join(map(str, mesh.cells[e] + 11))}</elem>')
+        lines.append("</Elements>")
+    for tag, facets in mesh.facets.items():
+        nodes = np.unique(facets) + 11
+        if tag == "left":
+            inside = "".join(f'<node id="{n}"/>' for n in nodes) if one_by_one else str(list(nodes))
+            lines.append(f'<NodeSet name="{tag}">{inside.strip("[]")}</NodeSet>')
+            continue
+        kind = {2: "line2", 3: "line3"} if mesh.dim == 2 else {3: "tri3", 4: "quad4", 6: "tri6"}
+        kind = kind.get(facets.shape[1], "quad8")
+        rows = [f"<{kind}>{','.join(map(str, row))}</{kind}>" for row in facets + 11]
+        lines += [f'<Surface name="{tag}">', *rows, "</Surface>"]
+    text = "\n".join([*lines, "</Mesh></febio_spec>"])
+    return text.replace("Mesh>", "Geometry>") if one_by_one else text
+
+
+@pytest.mark.parametrize("name", FEBIO)
+def test_elements_surfaces_and_node_sets_of_febio(tmp_path, name):
+    mesh = MESHES[name]
+    for one_by_one in (False, True):
+        (tmp_path / "a.feb").write_text(febio(mesh, one_by_one))
+        read = read_mesh(tmp_path / "a.feb", mesh.dim)
+        assert np.array_equal(read.points, mesh.points)
+        assert same_facets(read.facets, mesh.facets) and set(read.regions) == set(mesh.regions)
+        assert {*map(tuple, read.cells)} == {*map(tuple, mesh.cells)}
+
+
+def test_what_is_refused_of_febio(tmp_path):
+    text = febio(MESHES["T4"])
+    (tmp_path / "a.feb").write_text(text.replace("tet4", "tet5"))
+    refused(tmp_path / "a.feb", 3, "elements of the type tet5; mesh the body with tet4, hex8, ...")
+    (tmp_path / "a.feb").write_text('<febio_spec><Mesh from="b.feb"/></febio_spec>')
+    refused(tmp_path / "a.feb", 3, "a model whose mesh is in another file or in parts; write it in")
+
+
 def test_polyhedra_are_refused(tmp_path):
     mesh = grid("H8", [SimpleNamespace(points=[0.0, 1.0], cells=[1], ratios=None)] * 3)
     faces = mesh.cells[0][np.array(mesh.element.facets)].tolist()

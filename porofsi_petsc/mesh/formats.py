@@ -13,6 +13,7 @@ from ..errors import InputError, shown
 from .abaqus import read_abaqus
 from .arrays import NOT_A_TAG, integer_arrays
 from .exodus import read_exodus
+from .febio import read_febio
 from .gmsh import read_gmsh
 from .kratos import read_kratos
 from .source import Block, Source, Unusable
@@ -126,6 +127,6 @@ def _families(families, names):
     }
 
 
-READERS = {".msh": _read_msh, ".inp": read_abaqus, ".mdpa": read_kratos}
+READERS = {".msh": _read_msh, ".inp": read_abaqus, ".mdpa": read_kratos, ".feb": read_febio}
 READERS |= dict.fromkeys((".xdmf", ".xmf"), read_xdmf)
 READERS |= dict.fromkeys((".e", ".ex2", ".exo", ".g", ".gen"), read_exodus)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import listed
-from .source import Block, Source, Unusable, numbered
+from .source import Block, Source, Unusable, numbered, places_of
 
 # Gmsh's number of a kind: name in meshio, dimension, number of nodes
 KINDS = {
@@ -301,15 +301,12 @@ def _elements_4(numbers, groups, is_old):
 
 def _assembled(tags, points, parts, names):
     """Return the Source: node tags replaced by their places, groups by their names."""
-    order = np.argsort(tags)
+    places = places_of(tags)
     blocks: list[Block] = []
     members: dict[str, dict[int, list]] = {}
     for index, (kind, nodes, groups, _) in enumerate(parts):
         name, dim, _ = KINDS[kind]
-        place = np.searchsorted(tags, nodes, sorter=order)
-        found = order[np.minimum(place, len(tags) - 1)]
-        data = np.where(tags[found] == nodes, found, -1)[:, ORDER.get(name, slice(None))]
-        blocks.append(Block(name, dim, data))
+        blocks.append(Block(name, dim, places(nodes)[:, ORDER.get(name, slice(None))]))
         for number, cells in groups.items():
             group = names.get((dim, number), "") or numbered(number)
             members.setdefault(group, {}).setdefault(index, []).append(cells)

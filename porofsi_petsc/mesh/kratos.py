@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .exodus import ORDER as EXODUS
-from .source import Block, Source, Unusable, dimension
+from .source import Block, Source, Unusable, dimension, places_of
 
 _SURFACES = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
 _LINES = {1: "vertex", 2: "line", 3: "line3"}
@@ -82,16 +82,7 @@ class _Deck:
     def source(self):
         """Return the Source: numbers of the file replaced by places."""
         table = np.array(self._nodes, dtype=float)
-        numbers = table[:, 0].astype(np.int64)
-        order = np.argsort(numbers)
-        if len(np.unique(numbers)) < len(numbers):
-            raise ValueError("two nodes with one number")
-
-        def places(nodes):
-            at = np.searchsorted(numbers, nodes, sorter=order)
-            found = order[np.minimum(at, len(numbers) - 1)]
-            return np.where(numbers[found] == nodes, found, -1)
-
+        places = places_of(table[:, 0].astype(np.int64))
         tables = [
             (what, kind, np.array(rows, dtype=np.int64))
             for what, kind, rows in self._blocks
