@@ -296,6 +296,30 @@ def test_what_is_refused_of_febio(tmp_path):
     refused(tmp_path / "a.feb", 3, "a model whose mesh is in another file or in parts; write it in")
 
 
+SU2 = {"T3": (5, 3), "Q4": (9, 3), "T4": (10, 5), "H8": (12, 9)}
+
+
+@pytest.mark.parametrize("name", SU2)
+def test_markers_of_su2(tmp_path, name):
+    mesh = MESHES[name]
+    body, facet = SU2[name]
+    lines = ["% a mesh", f"NDIME= {mesh.dim}", f"NELEM={len(mesh.cells)}"]
+    lines += [" ".join(map(str, (body, *row, e))) for e, row in enumerate(mesh.cells)]
+    lines += [f"NPOIN= {len(mesh.points)} {len(mesh.points)}"]
+    lines += [" ".join(map(repr, (*x, i))) for i, x in enumerate(mesh.points.tolist())]
+    lines += [f"NMARK= {len(mesh.facets)}"]
+    for tag, facets in mesh.facets.items():
+        lines += [f"MARKER_TAG= {tag} % a marker", f"MARKER_ELEMS= {len(facets)}"]
+        lines += [" ".join(map(str, (facet, *row))) for row in facets]
+    path = tmp_path / "a.su2"
+    path.write_text("\n".join([*lines, "SEND_RECV= 1", "1 0 0", ""]))
+    read = read_mesh(path, mesh.dim)
+    assert np.array_equal(read.points, mesh.points) and np.array_equal(read.cells, mesh.cells)
+    assert same_facets(read.facets, mesh.facets) and read.regions == ("body",)
+    path.write_text("\n".join(["NZONE= 2", *lines]))
+    refused(path, mesh.dim, "a mesh of 2 zones; write one zone")
+
+
 def test_polyhedra_are_refused(tmp_path):
     mesh = grid("H8", [SimpleNamespace(points=[0.0, 1.0], cells=[1], ratios=None)] * 3)
     faces = mesh.cells[0][np.array(mesh.element.facets)].tolist()

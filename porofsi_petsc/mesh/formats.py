@@ -17,6 +17,7 @@ from .febio import read_febio
 from .gmsh import read_gmsh
 from .kratos import read_kratos
 from .source import Block, Source, Unusable
+from .su2 import read_su2
 from .xdmf import read_xdmf
 
 # Formats of surfaces, or in several files; meshio's readers of most of them do not end on broken
@@ -128,5 +129,6 @@ def _families(families, names):
 
 
 READERS = {".msh": _read_msh, ".inp": read_abaqus, ".mdpa": read_kratos, ".feb": read_febio}
+READERS[".su2"] = read_su2
 READERS |= dict.fromkeys((".xdmf", ".xmf"), read_xdmf)
 READERS |= dict.fromkeys((".e", ".ex2", ".exo", ".g", ".gen"), read_exodus)
