@@ -36,6 +36,7 @@ _TRIANGLE = ((0, 1), (1, 2), (2, 0))
 _QUAD = ((0, 1), (1, 2), (2, 3), (3, 0))
 # Vertices of the sides 1, 2, ... by the beginning of the name of a kind
 SIDES = {
+    "line": ((0,), (1,)),
     "triangle": _TRIANGLE,
     "quad": _QUAD,
     "tetra": ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
@@ -48,10 +49,11 @@ SIDES = {
 }
 # Those of shells, and of triangles in space: the two faces come first
 SHELL_SIDES = {
+    "line": ((0,), (1,)),
     "triangle": ((0, 1, 2), (2, 1, 0), *_TRIANGLE),
     "quad": ((0, 1, 2, 3), (0, 3, 2, 1), *_QUAD),
 }
-FACETS = {2: "line", 3: "triangle", 4: "quad"}
+FACETS = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 
 _READ = re.compile(
