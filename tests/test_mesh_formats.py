@@ -59,6 +59,11 @@ def test_sets_and_surfaces_of_abaqus(tmp_path, name):
     assert read.notes == ("groups of cells left out, all of which are in other groups: Eall",)
 
 
+def test_an_abaqus_file_by_the_name_that_calculix_gives_it(tmp_path):
+    (tmp_path / "all.msh").write_text(abaqus(MESHES["T4"]))
+    assert same_facets(read_mesh(tmp_path / "all.msh", 3).facets, MESHES["T4"].facets)
+
+
 def test_an_assembly_of_abaqus(tmp_path):
     """Sections say which sets are regions; the set of a surface is none; a part may be moved."""
     mesh = grid("H8", [AXIS] * 3)
@@ -181,10 +186,138 @@ def test_families_of_a_med_file(tmp_path, name):
     assert "groups of facets left out, all of which are in other groups: sides" in read.notes
 
 
-@pytest.mark.parametrize("suffix", [".e", ".EXO", ".mdpa", ".unv"])
-def test_formats_whose_groups_are_not_read(tmp_path, suffix):
-    (tmp_path / f"a{suffix}").write_text("CDF")
-    refused(tmp_path / f"a{suffix}", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")
+def test_a_format_whose_groups_are_not_read(tmp_path):
+    (tmp_path / "a.unv").write_text("CDF")
+    refused(tmp_path / "a.unv", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")
+
+
+# Kratos's order of nodes in numbers of VTK's (kratos/geometries/hexahedra_3d_27.h: bottom, sides
+# and top have the edges 8, 12 and 16 on, and faces are bottom, front, right, back, left and top)
+KRATOS_EDGES = [*range(12), *range(16, 20), *range(12, 16)]
+KRATOS = {"H20": KRATOS_EDGES, "H27": [*KRATOS_EDGES, 24, 22, 21, 23, 20, 25, 26]}
+
+
+def kratos(mesh, more=""):
+    """Return the text of a mesh for Kratos, its parts one in the other, numbers from 11 on."""
+    order = KRATOS.get(mesh.element.name, list(range(mesh.element.nodes)))
+    lines = ["Begin ModelPartData", "End ModelPartData // none", "Begin Nodes"]
+    for i, x in enumerate(mesh.points.tolist(), 11):
+        lines.append(" ".join(map(repr, (i, *(*x, 0.0)[:3]))))
+    lines += ["End Nodes", f"Begin Elements SmallDisplacementElement{mesh.dim}D{len(order)}N"]
+    lines += [
+        " ".join(map(str, (e, 1, *row))) for e, row in enumerate(mesh.cells[:, order] + 11, 21)
+    ]
+    lines.append("End Elements")
+    parts, number = [], 31
+    for i, name in enumerate(mesh.regions):
+        cells = np.flatnonzero(mesh.cell_region == i) + 21
+        parts.append((name, "Elements", cells))
+    for tag, facets in mesh.facets.items():
+        lines.append(f"Begin Conditions FaceLoadCondition{mesh.dim}D{facets.shape[1]}N // {tag}")
+        lines += [" ".join(map(str, (number + f, 0, *row))) for f, row in enumerate(facets + 11)]
+        lines.append("End Conditions")
+        parts.append((tag, "Conditions", number + np.arange(len(facets))))
+        number += len(facets)
+    lines += ["Begin SubModelPart whole", "Begin SubModelPartData", "X 1", "End SubModelPartData"]
+    for name, what, numbers in parts:
+        lines += [f"Begin SubModelPart {name}", f"Begin SubModelPart{what}", *map(str, numbers)]
+        lines += [f"End SubModelPart{what}", "End SubModelPart"]
+    return "\n".join([*lines, "End SubModelPart", more])
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_sub_model_parts_of_kratos(tmp_path, name):
+    mesh = MESHES[name]
+    (tmp_path / "a.mdpa").write_text(kratos(mesh))
+    read = read_mesh(tmp_path / "a.mdpa", mesh.dim)
+    assert np.array_equal(read.points, mesh.points) and np.array_equal(read.cells, mesh.cells)
+    assert same_facets(read.facets, mesh.facets) and set(read.regions) == set(mesh.regions)
+
+
+def test_nodes_of_kratos_and_what_is_refused(tmp_path):
+    mesh = MESHES["T4"]
+    text = kratos(mesh)
+    nodes = "\n".join(str(n + 11) for n in np.unique(mesh.facets["left"]))
+    more = f"Begin SubModelPart held\nBegin SubModelPartNodes\n{nodes}\nEnd SubModelPartNodes\n"
+    (tmp_path / "a.mdpa").write_text(text.replace("t left", "t x") + more + "End SubModelPart\n")
+    read = read_mesh(tmp_path / "a.mdpa", 3, Reading(groups=["held"]))
+    assert same_facets({"x": read.facets["held"]}, {"x": mesh.facets["left"]})
+    (tmp_path / "a.mdpa").write_text(text + text[text.index("Begin SubModelPart ") :])
+    refused(tmp_path / "a.mdpa", 3, "two sub model parts 'whole'; rename one")
+    (tmp_path / "a.mdpa").write_text(text.replace("3D4N", "3D7N"))
+    refused(tmp_path / "a.mdpa", 3, "elements of the type SmallDisplacementElement3D7N; mesh the")
+
+
+FEBIO = {"T3": "tri3", "T6": "tri6", "Q4": "quad4", "Q8": "quad8", "T4": "tet4", "T10": "tet10"}
+FEBIO |= {"H8": "hex8", "H20": "hex20"}
+
+
+def febio(mesh, one_by_one=False):
+    """Return a model of FEBio 4, or of 2.5, in which node sets have an element for each node."""
+    lines = ['<febio_spec version="4.0"><Mesh>', '<Nodes name="Object">']
+    for i, x in enumerate(mesh.points.tolist(), 11):
+        lines.append(f'<node id="{i}">{",".join(map(repr, (*x, 0.0)[:3]))}</node>')
+    lines.append("</Nodes>")
+    for i, name in enumerate(mesh.regions):
+        lines.append(f'<Elements type="{FEBIO[mesh.element.name]}" name="{name}">')
+        for e in np.flatnonzero(mesh.cell_region == i):
+            lines.append(f'<elem id="{e + 1}">{", ".join(map(str, mesh.cells[e] + 11))}</elem>')
+        lines.append("</Elements>")
+    for tag, facets in mesh.facets.items():
+        nodes = np.unique(facets) + 11
+        if tag == "left":
+            inside = "".join(f'<node id="{n}"/>' for n in nodes) if one_by_one else str(list(nodes))
+            lines.append(f'<NodeSet name="{tag}">{inside.strip("[]")}</NodeSet>')
+            continue
+        kind = {2: "line2", 3: "line3"} if mesh.dim == 2 else {3: "tri3", 4: "quad4", 6: "tri6"}
+        kind = kind.get(facets.shape[1], "quad8")
+        rows = [f"<{kind}>{','.join(map(str, row))}</{kind}>" for row in facets + 11]
+        lines += [f'<Surface name="{tag}">', *rows, "</Surface>"]
+    text = "\n".join([*lines, "</Mesh></febio_spec>"])
+    return text.replace("Mesh>", "Geometry>") if one_by_one else text
+
+
+@pytest.mark.parametrize("name", FEBIO)
+def test_elements_surfaces_and_node_sets_of_febio(tmp_path, name):
+    mesh = MESHES[name]
+    for one_by_one in (False, True):
+        (tmp_path / "a.feb").write_text(febio(mesh, one_by_one))
+        read = read_mesh(tmp_path / "a.feb", mesh.dim)
+        assert np.array_equal(read.points, mesh.points)
+        assert same_facets(read.facets, mesh.facets) and set(read.regions) == set(mesh.regions)
+        assert {*map(tuple, read.cells)} == {*map(tuple, mesh.cells)}
+
+
+def test_what_is_refused_of_febio(tmp_path):
+    text = febio(MESHES["T4"])
+    (tmp_path / "a.feb").write_text(text.replace("tet4", "tet5"))
+    refused(tmp_path / "a.feb", 3, "elements of the type tet5; mesh the body with tet4, hex8, ...")
+    (tmp_path / "a.feb").write_text('<febio_spec><Mesh from="b.feb"/></febio_spec>')
+    refused(tmp_path / "a.feb", 3, "a model whose mesh is in another file or in parts; write it in")
+
+
+SU2 = {"T3": (5, 3), "Q4": (9, 3), "T4": (10, 5), "H8": (12, 9)}
+
+
+@pytest.mark.parametrize("name", SU2)
+def test_markers_of_su2(tmp_path, name):
+    mesh = MESHES[name]
+    body, facet = SU2[name]
+    lines = ["% a mesh", f"NDIME= {mesh.dim}", f"NELEM={len(mesh.cells)}"]
+    lines += [" ".join(map(str, (body, *row, e))) for e, row in enumerate(mesh.cells)]
+    lines += [f"NPOIN= {len(mesh.points)} {len(mesh.points)}"]
+    lines += [" ".join(map(repr, (*x, i))) for i, x in enumerate(mesh.points.tolist())]
+    lines += [f"NMARK= {len(mesh.facets)}"]
+    for tag, facets in mesh.facets.items():
+        lines += [f"MARKER_TAG= {tag} % a marker", f"MARKER_ELEMS= {len(facets)}"]
+        lines += [" ".join(map(str, (facet, *row))) for row in facets]
+    path = tmp_path / "a.su2"
+    path.write_text("\n".join([*lines, "SEND_RECV= 1", "1 0 0", ""]))
+    read = read_mesh(path, mesh.dim)
+    assert np.array_equal(read.points, mesh.points) and np.array_equal(read.cells, mesh.cells)
+    assert same_facets(read.facets, mesh.facets) and read.regions == ("body",)
+    path.write_text("\n".join(["NZONE= 2", *lines]))
+    refused(path, mesh.dim, "a mesh of 2 zones; write one zone")
 
 
 def test_polyhedra_are_refused(tmp_path):

@@ -295,6 +295,8 @@ READ = [
     ".vol",
     ".su2",
     ".cgns",
+    ".mdpa",
+    ".feb",
     ".nothing",
 ]
 

@@ -183,17 +183,22 @@ def test_what_does_not_fit_is_refused(tmp_path):
     mesh = MESHES["T3"]
     facets, numbers = tagged_facets(mesh)
 
-    def pair(points, arrays):
+    def pair(points, arrays, name="mesh.xdmf"):
         data = {name: [values] for name, values in arrays.items()}
         written = meshio.Mesh(points, [("line", facets)], cell_data=data)
         written.write(tmp_path / "facets.xdmf")
-        return read_mesh(tmp_path / "mesh.xdmf", 2, Reading(facets=str(tmp_path / "facets.xdmf")))
+        return read_mesh(tmp_path / name, 2, Reading(facets=str(tmp_path / "facets.xdmf")))
 
     meshio.Mesh(mesh.points, [("triangle", mesh.cells)]).write(tmp_path / "mesh.xdmf")
     with pytest.raises(
         InputError, match="1[0-9] nodes of the tags are none of the mesh, the first"
     ):
         pair(mesh.points * 2 + 0.1, {"f": numbers})
+    doubled = np.vstack([mesh.points, mesh.points[:1]])
+    written = meshio.Mesh(doubled, [("triangle", mesh.cells)])
+    written.write(tmp_path / "twice.xdmf")
+    with pytest.raises(InputError, match="1 nodes of the tags are at two nodes of the mesh, the"):
+        pair(mesh.points, {"f": numbers}, "twice.xdmf")
     with pytest.raises(InputError, match=r"several integer arrays over the cells \(f, g\)"):
         pair(mesh.points, {"f": numbers, "g": numbers * 0 + 1})
     with pytest.raises(InputError, match=r"mesh.array = 'h', but the file .* choose from f"):

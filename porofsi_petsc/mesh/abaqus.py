@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .source import Block, Source, Unusable
+from .source import Block, Source, Unusable, places_of
 
 # Family of elements: pattern of its types, dimension, name in meshio by the number in the type
 FAMILIES = (
@@ -207,16 +207,7 @@ class _Deck:
         """Return the Source: numbers of the file replaced by places, surfaces as blocks of their
         own.
         """
-        numbers = np.array(self.nodes, dtype=np.int64)
-        if len(np.unique(numbers)) < len(numbers):
-            raise Unusable("two nodes with one number, of two parts; write one part")
-        order = np.argsort(numbers)
-
-        def places(nodes):
-            at = np.searchsorted(numbers, nodes, sorter=order)
-            found = order[np.minimum(at, len(numbers) - 1)]
-            return np.where(numbers[found] == nodes, found, -1)
-
+        places = places_of(np.array(self.nodes, dtype=np.int64))
         blocks = [Block(kind, dim, places(nodes)) for kind, dim, _, nodes in self.elements]
         own = [elements for *_, elements, _ in self.elements]
         sets = {}

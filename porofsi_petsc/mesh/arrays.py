@@ -12,7 +12,7 @@ NOT_A_TAG = ("gmsh:geometrical", "gmsh:bounding_entities")
 # families, of meshio's key "cell_tags", have names.)
 KNOWN = (
     *("MaterialIDs", "gmsh:physical", "medit:ref", "nastran:ref", "netgen:index", "ugrid:ref"),
-    *("avsucd:material", "flac3d:group", "su2:tag", "CellEntityIds", "cell_tags", "MaterialID"),
+    *("avsucd:material", "flac3d:group", "CellEntityIds", "cell_tags", "MaterialID"),
     *("material_id", "MatID", "matid", "Material", "material", "materials", "attribute", "regions"),
 )
 

@@ -1,5 +1,5 @@
-"""From a mesh file of any known format to what it says: Gmsh, Abaqus and XDMF by readers of their
-own, others by meshio.
+"""From a mesh file of any known format to what it says: some by readers of their own, others by
+meshio.
 """
 
 import contextlib
@@ -12,21 +12,20 @@ import numpy as np
 from ..errors import InputError, shown
 from .abaqus import read_abaqus
 from .arrays import NOT_A_TAG, integer_arrays
+from .exodus import read_exodus
+from .febio import read_febio
 from .gmsh import read_gmsh
+from .kratos import read_kratos
 from .source import Block, Source, Unusable
+from .su2 import read_su2
 from .xdmf import read_xdmf
 
 # Formats of surfaces, or in several files; meshio's readers of most of them do not end on broken
 # ones.
 WITHOUT_GROUPS = (".dat", ".ele", ".node", ".obj", ".off", ".ply", ".stl", ".tec", ".wkt")
 # Formats whose groups meshio does not read.
-NOT_READ = {
-    **dict.fromkeys((".e", ".ex2", ".exo", ".g"), "an Exodus file, whose side sets are not read"),
-    ".mdpa": "a file of Kratos, whose groups are not read",
-    ".unv": "a universal file, whose groups are not read",
-}
+NOT_READ = {".unv": "a universal file, whose groups are not read"}
 NASTRAN = (".bdf", ".fem", ".nas")
-OWN = {".msh": read_gmsh, ".inp": read_abaqus, ".xdmf": read_xdmf, ".xmf": read_xdmf}
 # Cells that meshio knows, but for their dimension
 BODIES = ("penta_prism", "hexa_prism", "wedge15", "wedge18", "pyramid13", "pyramid14")
 POLYHEDRA = "it has polyhedra, of which no element is made; mesh the body with tetra or hexahedron"
@@ -48,7 +47,7 @@ def read_source(path: Path) -> Source:
             " again"
         )
     try:
-        return OWN.get(suffix, _read_by_meshio)(path)
+        return READERS.get(suffix, _read_by_meshio)(path)
     except Unusable as error:
         raise InputError(f"{path}: {error}") from error
     except (Exception, SystemExit) as error:
@@ -59,6 +58,13 @@ def read_source(path: Path) -> Source:
             f"{path}: not readable as a mesh{reason}; give a file that meshio reads, such as Gmsh"
             " .msh 2.2 or 4.1"
         ) from error
+
+
+def _read_msh(path):
+    """Return the content of a .msh file: of Gmsh, or as CalculiX writes it, which is Abaqus's."""
+    with path.open("rb") as file:
+        start = file.read(1000).lstrip()
+    return read_abaqus(path) if start.startswith(b"*") else read_gmsh(path)
 
 
 def _has_polyhedra(path):
@@ -120,3 +126,9 @@ def _families(families, names):
         group: [np.flatnonzero(np.isin(part, holding)) for part in families]
         for group, holding in holders.items()
     }
+
+
+READERS = {".msh": _read_msh, ".inp": read_abaqus, ".mdpa": read_kratos, ".feb": read_febio}
+READERS[".su2"] = read_su2
+READERS |= dict.fromkeys((".xdmf", ".xmf"), read_xdmf)
+READERS |= dict.fromkeys((".e", ".ex2", ".exo", ".g", ".gen"), read_exodus)

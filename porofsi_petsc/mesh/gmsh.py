@@ -1,4 +1,4 @@
-"""Mesh files of Gmsh, 2.x and 4.1, text and binary, with all physical groups of an element.
+"""Mesh files of Gmsh, 2.x and 4.x, text and binary, with all physical groups of an element.
 
 Format: Gmsh reference manual, "File formats".  Elements may be in no physical group or in several,
 groups may have no name, and two groups of different dimension may have the same one.
@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .source import Block, Source, Unusable, numbered
+from ..errors import listed
+from .source import Block, Source, Unusable, numbered, places_of
 
 # Gmsh's number of a kind: name in meshio, dimension, number of nodes
 KINDS = {
@@ -57,14 +58,14 @@ def read_gmsh(path: Path) -> Source:
     """Return the content of a file; raises ValueError and what else a broken file leads to."""
     data = path.read_bytes()
     version, is_text, size, order, start = _header(data)
-    if not 2 <= version < 3 and not 4.1 <= version < 5:
+    if not 2 <= version < 3 and not 4 <= version < 5:
         raise Unusable(f"version {version:g} of Gmsh's format; save it as version 2.2 or 4.1")
     sections = {}
     for name in (b"PhysicalNames", b"Entities", b"Nodes", b"Elements", b"PartitionedEntities"):
         at = data.find(b"\n$" + name, start - 1)
         if at >= 0:
             sections[name.decode()] = data.index(b"\n", at + 1) + 1
-    if "PartitionedEntities" in sections:
+    if "PartitionedEntities" in sections and version < 4.1:
         raise Unusable("a partitioned mesh; save it in one part")
 
     def numbers(name):
@@ -77,9 +78,12 @@ def read_gmsh(path: Path) -> Source:
         tags, points = _nodes_2(numbers("Nodes"))
         parts = _elements_2(numbers("Elements"))
     else:
-        tags, points = _nodes_4(numbers("Nodes"))
-        groups = _groups_of_entities(numbers("Entities")) if "Entities" in sections else {}
-        parts = _elements_4(numbers("Elements"), groups)
+        is_old = version < 4.1
+        tags, points = (_nodes_40 if is_old else _nodes_4)(numbers("Nodes"))
+        groups = _groups_of_entities(numbers("Entities"), is_old) if "Entities" in sections else {}
+        if "PartitionedEntities" in sections:
+            groups |= _groups_of_parts(numbers("PartitionedEntities"), groups)
+        parts = _elements_4(numbers("Elements"), groups, is_old)
     return _assembled(tags, points, parts, names)
 
 
@@ -222,29 +226,74 @@ def _nodes_4(numbers):
     return np.concatenate(tags), np.concatenate(points)
 
 
-def _groups_of_entities(numbers):
-    """Return (dimension, tag) -> numbers of the physical groups."""
+def _nodes_40(numbers):
+    """Return numbers and places of nodes of version 4.0, in which the number precedes the place."""
+    n_blocks, _ = numbers.take("n", 2).tolist()
+    tags, points = [], []
+    for _ in range(n_blocks):
+        _, dim, parametric = numbers.take("i", 3).tolist()
+        (count,) = numbers.take("n", 1).tolist()
+        own, at = numbers.rows([("i", 1), ("d", 3 + (dim if parametric else 0))], count)
+        tags.append(own[:, 0])
+        points.append(at[:, :3])
+    return np.concatenate(tags), np.concatenate(points)
+
+
+def _groups_of_entities(numbers, is_old):
+    """Return (dimension, tag) -> numbers of the physical groups; 4.0 has boxes of points too."""
     groups = {}
     for dim, count in enumerate(numbers.take("n", 4).tolist()):
         for _ in range(count):
             (tag,) = numbers.take("i", 1).tolist()
-            numbers.take("d", 6 if dim else 3)
-            (n,) = numbers.take("n", 1).tolist()
-            groups[dim, tag] = sorted({abs(g) for g in numbers.take("i", n).tolist()})
-            if dim:
-                (n,) = numbers.take("n", 1).tolist()
-                numbers.take("i", n)
+            groups[dim, tag] = _groups_of_one(numbers, dim, 6 if dim or is_old else 3)
     return groups
 
 
-def _elements_4(numbers, groups):
-    n_blocks, *_ = numbers.take("n", 4).tolist()
+def _groups_of_one(numbers, dim, box):
+    """Return the groups of an entity, from its box on, and pass what bounds it."""
+    numbers.take("d", box)
+    (n,) = numbers.take("n", 1).tolist()
+    groups = sorted({abs(g) for g in numbers.take("i", n).tolist()})
+    if dim:
+        (n,) = numbers.take("n", 1).tolist()
+        numbers.take("i", n)
+    return groups
+
+
+def _groups_of_parts(numbers, groups):
+    """Return (dimension, tag) -> groups of the entities that a partition has cut others into; what
+    lies between two parts is in none.
+    """
+    (n_parts,) = numbers.take("n", 1).tolist()
+    (n_ghosts,) = numbers.take("n", 1).tolist()
+    numbers.take("i", 2 * n_ghosts)
+    of_parts = {}
+    found = set()
+    for dim, count in enumerate(numbers.take("n", 4).tolist()):
+        for _ in range(count):
+            tag, *parent = numbers.take("i", 3).tolist()
+            (n,) = numbers.take("n", 1).tolist()
+            found |= set(numbers.take("i", n).tolist())
+            own = _groups_of_one(numbers, dim, 6 if dim else 3)
+            of_parts[dim, tag] = groups.get(tuple(parent), own) if parent[0] == dim else []
+    if len(found) < n_parts:
+        raise Unusable(
+            f"part {listed(map(str, sorted(found)))} of {n_parts} of a mesh; save it in one file"
+        )
+    return of_parts
+
+
+def _elements_4(numbers, groups, is_old):
+    n_blocks, *_ = numbers.take("n", 2 if is_old else 4).tolist()
     parts = []
     for _ in range(n_blocks):
         dim, entity, kind = numbers.take("i", 3).tolist()
+        if is_old:
+            dim, entity = entity, dim
         (count,) = numbers.take("n", 1).tolist()
         width = 1 + KINDS[kind][2]
-        nodes = numbers.take("n", count * width).reshape(count, width)[:, 1:]
+        kind_of_number = "i" if is_old else "n"
+        nodes = numbers.take(kind_of_number, count * width).reshape(count, width)[:, 1:]
         members = {number: np.arange(count) for number in groups.get((dim, entity), ())}
         parts.append((kind, nodes, members, np.full(count, entity)))
     return parts
@@ -252,15 +301,12 @@ def _elements_4(numbers, groups):
 
 def _assembled(tags, points, parts, names):
     """Return the Source: node tags replaced by their places, groups by their names."""
-    order = np.argsort(tags)
+    places = places_of(tags)
     blocks: list[Block] = []
     members: dict[str, dict[int, list]] = {}
     for index, (kind, nodes, groups, _) in enumerate(parts):
         name, dim, _ = KINDS[kind]
-        place = np.searchsorted(tags, nodes, sorter=order)
-        found = order[np.minimum(place, len(tags) - 1)]
-        data = np.where(tags[found] == nodes, found, -1)[:, ORDER.get(name, slice(None))]
-        blocks.append(Block(name, dim, data))
+        blocks.append(Block(name, dim, places(nodes)[:, ORDER.get(name, slice(None))]))
         for number, cells in groups.items():
             group = names.get((dim, number), "") or numbered(number)
             members.setdefault(group, {}).setdefault(index, []).append(cells)

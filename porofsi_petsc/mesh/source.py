@@ -2,6 +2,7 @@
 arrays.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -50,3 +51,20 @@ def numbered(number: int) -> str:
 def dimension(name: str) -> int:
     """Return the dimension of a kind of cells by its name in meshio."""
     return _DIMENSIONS.get(name.rstrip("0123456789"), 3)
+
+
+def places_of(numbers: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what gives the places of nodes among all numbers (N,), -1 for one that is not there.
+
+    Raises Unusable for a number that is there twice.
+    """
+    order = np.argsort(numbers)
+    if len(np.unique(numbers)) < len(numbers):
+        raise Unusable("two nodes with one number, of two parts; write one part")
+
+    def places(nodes):
+        at = np.searchsorted(numbers, nodes, sorter=order)
+        found = order[np.minimum(at, len(numbers) - 1)]
+        return np.where(numbers[found] == nodes, found, -1)
+
+    return places

@@ -84,30 +84,33 @@ def _named(source, dim, what, array, path):
 def _renumbered(tagged, points, array, path):
     """Return tags with sets only and the numbers of the nodes at the same places of the mesh."""
     sets = sets_of(tagged, array, path, distinct=True)
+    width = max(points.shape[1], tagged.points.shape[1])
+    theirs, ours = (np.pad(x, ((0, 0), (0, width - x.shape[1]))) for x in (tagged.points, points))
     blocks = tagged.blocks
-    if not np.array_equal(tagged.points, points):
-        number = _nearest(tagged, points, path)
+    if not np.array_equal(theirs, ours):
+        used = np.unique(np.concatenate([block.data.ravel() for block in blocks]))
+        number = np.full(len(theirs), -1)
+        number[used] = _nearest(theirs[used], ours, path)
         blocks = [block._replace(data=number[block.data]) for block in blocks]
     return Source(points, blocks, sets)
 
 
-def _nearest(tagged, points, path):
-    """Return the node of the mesh at every node of the tags, -1 at those that no cell has."""
+def _nearest(points, ours, path):
+    """Return the node of the mesh at each point."""
     from scipy.spatial import cKDTree  # slow to import, and tags seldom have nodes of their own
 
-    width = max(points.shape[1], tagged.points.shape[1])
-    theirs, ours = (np.pad(x, ((0, 0), (0, width - x.shape[1]))) for x in (tagged.points, points))
-    used = np.unique(np.concatenate([block.data.ravel() for block in tagged.blocks]))
-    distance, nearest = cKDTree(ours).query(theirs[used])
-    lost = np.flatnonzero(distance > APART * np.ptp(ours, axis=0).max())
-    if len(lost):
-        raise InputError(
-            f"{path}: {len(lost)} nodes of the tags are none of the mesh, the first at"
-            f" {place(theirs[used[lost[0]]])}; write the tags of this mesh"
-        )
-    number = np.full(len(theirs), -1)
-    number[used] = nearest
-    return number
+    distance, nearest = cKDTree(ours).query(points, k=2)
+    apart = APART * np.ptp(ours, axis=0).max()
+    for wrong, what in (
+        (distance[:, 0] > apart, "are none of the mesh"),
+        (distance[:, 1] <= apart, "are at two nodes of the mesh"),
+    ):
+        if wrong.any():
+            raise InputError(
+                f"{path}: {wrong.sum()} nodes of the tags {what}, the first at"
+                f" {place(points[wrong][0])}; write the tags with the nodes of this mesh"
+            )
+    return nearest[:, 0]
 
 
 def _vertices(block):
