@@ -42,6 +42,11 @@ def test_what_it_takes_of_the_other_phase_has_its_slope(condition, dim):
     assert np.abs(given - expected).max() < 1e-8 * max(1.0, np.abs(expected).max())
 
 
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_the_package_keeps_its_own_contract(name):
+    check_condition(CONDITIONS[name])
+
+
 @pytest.mark.parametrize(("name", "kind"), PLACES)
 def test_what_a_restart_needs_is_in_the_memory(name, kind):
     """After a step, a condition that is loaded goes on as the one whose memory it has."""
@@ -151,7 +156,13 @@ def test_what_breaks_the_contract_is_refused():
         def accept(self, state):
             self._pulled = self.surface.sum(self.surface.gather(state.u).sum(axis=(1, 2)))
 
+    class Here(Bedding):
+        def residual(self, state):
+            facets = len(self.surface.nodes)
+            return super().residual(state).reshape(facets, self.surface.nodes.shape[1], -1)
+
     refused = (
+        (Here, "a rank that has no facet of the surface"),
         (Soft, "not the slope"),
         (Nowhere, "received behind = "),
         (Empty, "has no `residual`"),

@@ -39,19 +39,22 @@ class _Rule:
 
 
 class SampleSurface:
-    """Two facets beside each other, as `conditions.condition.Surface` wants them."""
+    """Two facets beside each other, or the first of them, as `conditions.condition.Surface` wants
+    them.
+    """
 
     order = 1
 
-    def __init__(self, dim: int) -> None:
-        """Make two lines, or two triangles."""
+    def __init__(self, dim: int, facets: int = 2) -> None:
+        """Make two lines, or two triangles; with facets = 0 what a rank has that is elsewhere."""
         facet = FAMILIES[dim]["triangle" if dim == 2 else "tetrahedron"][0].facet
         assert facet is not None  # of a cell
         self._facet = facet
         points = [[0, 0], [1, 0.1], [1.9, 0.3]]
         if dim == 3:
             points = [[0, 0, 0], [1, 0.1, 0.2], [1.1, 1, 0.1], [0.1, 1, 0.3]]
-        self.nodes = np.array([[0, 1], [1, 2]] if dim == 2 else [[0, 1, 2], [0, 2, 3]])
+        nodes = np.array([[0, 1], [1, 2]] if dim == 2 else [[0, 1, 2], [0, 2, 3]])
+        self.nodes = nodes[:facets]
         self._points = np.array(points, dtype=float)
         self.n = len(points)
 
@@ -87,10 +90,12 @@ class SampleSurface:
         return float(values.sum())
 
 
-def sample(condition: type[SurfaceCondition], dim: int, kind: Kind) -> SurfaceCondition:
+def sample(
+    condition: type[SurfaceCondition], dim: int, kind: Kind, facets: int = 2
+) -> SurfaceCondition:
     """Return a condition with its examples on a `SampleSurface` of a kind, in the first step."""
     found = condition(**{key: _value(condition, key) for key in examples(condition)})
-    found.bind(SampleSurface(dim))
+    found.bind(SampleSurface(dim, facets))
     scheme = first_order if kind == "fluid" else second_order
     found.begin_step(scheme(0.5, 0.1), sample_state(dim)._replace(t=0.0))
     return found
@@ -114,7 +119,7 @@ def check_condition(condition: type[SurfaceCondition]) -> None:
     """Raise ValueError where a condition breaks its contract in two or three dimensions.
 
     It says behind which materials it may be; its residual has a vector, or of the volume balance a
-    number, for each node of a facet; its tangent, local and of low rank, is the slope of the
+    number, for each node of a facet, and fails on no rank without facets; its tangent, local and of low rank, is the slope of the
     residual; it records what its columns name.
     """
     for other in condition.beside:
@@ -125,13 +130,8 @@ def check_condition(condition: type[SurfaceCondition]) -> None:
             _check_exchange(condition, dim)
     for dim, kind in itertools.product((2, 3), condition.behind):
         body = sample(condition, dim, kind)
-        k = dim if condition.balance == "momentum" else 1
-        residual = np.asarray(body.residual(sample_state(dim)))
-        wanted = (*body.surface.nodes.shape, k)
-        if residual.shape != wanted:
-            raise ValueError(f"received a residual of shape {residual.shape}, expected {wanted}")
-        if not np.isfinite(residual).all():
-            raise ValueError("received a residual that is not finite")
+        _check_residual(body, dim)
+        _check_elsewhere(condition, dim, kind)
         _check_memory(condition, dim, kind)
         if len(body.recorded()) != len(condition.columns):
             raise ValueError("`recorded` has not one value for each of `columns`")
@@ -151,6 +151,30 @@ def _check_class(condition):
         raise ValueError(f"received behind = {behind!r}, expected a tuple of {', '.join(BY)}")
     if condition.residual is SurfaceCondition.residual:
         raise ValueError("it has no `residual`")
+
+
+def _check_residual(body, dim):
+    residual = np.asarray(body.residual(sample_state(dim)))
+    wanted = (*body.surface.nodes.shape, dim if body.balance == "momentum" else 1)
+    if residual.shape != wanted:
+        raise ValueError(f"received a residual of shape {residual.shape}, expected {wanted}")
+    if not np.isfinite(residual).all():
+        raise ValueError("received a residual that is not finite")
+
+
+def _check_elsewhere(condition, dim, kind):
+    """Raise ValueError where a condition fails on a rank that has none of its facets."""
+    body = sample(condition, dim, kind, facets=0)
+    state = sample_state(dim)
+    try:
+        _check_residual(body, dim)
+        body.tangent(state, BY[kind])
+        body.low_rank(state, BY[kind])
+        if kind == "porous":
+            body.exchange(state, BY[kind])
+        body.accept(state)
+    except (ValueError, IndexError, TypeError) as error:
+        raise ValueError(f"a rank that has no facet of the surface: {error}") from error
 
 
 def _check_memory(condition, dim, kind):

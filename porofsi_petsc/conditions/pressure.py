@@ -30,7 +30,7 @@ class Pressure(SurfaceCondition):
 
     def _pressure(self, t):
         """Return p at the points of the rule, (F, Q) [Pa]."""
-        return self.value(t, self._points).reshape(len(self.surface.nodes), -1)
+        return self.value(t, self._points).reshape(-1, len(self._rule.N))
 
 
 @dataclass

@@ -138,7 +138,8 @@ def plane_points(
                 " which x, y or z is constant; turn the mesh into one"
             )
         kept.remove(flat[-1])
-    return np.ascontiguousarray(points[:, kept], dtype=float), "".join("xyz"[i] for i in kept)
+    # a copy: one that says little-endian, as VTU files do, is no number to MPI
+    return points[:, kept].astype(float, order="C"), "".join("xyz"[i] for i in kept)
 
 
 def oriented(points: np.ndarray, cells: np.ndarray, element: Element, where: Where) -> np.ndarray:

@@ -3,6 +3,8 @@
 Numbers of the nodes (n,), or tensors (n, d, d) where a permeability has principal axes.
 """
 
+import math
+
 import numpy as np
 
 from ..fem.domain import Configuration, Domain
@@ -92,6 +94,6 @@ def _at_points(domain, materials, configuration, of):
 
 def _nodal_sum(domain, values):
     """Return the sum of element values (E, ...) over the elements of a node, (n_owned, ...)."""
-    rows = values.reshape(len(values), 1, -1)
+    rows = values.reshape(len(values), 1, math.prod(values.shape[1:]))
     vectors = np.broadcast_to(rows, (*domain.cells.shape, rows.shape[2]))
     return domain.scatter_add(vectors).reshape(-1, *values.shape[1:])
