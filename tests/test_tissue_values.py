@@ -76,8 +76,9 @@ def indentation(nu, aspect):
     """Return κ of P = 4 G a d/(1 - ν) κ, a flat cylinder of radius a without friction on a layer
     of thickness h = a/aspect bonded to a rigid base.
 
-    φ(t) - 2/π ∫_0^1 φ(s) ∫_0^∞ (1 - L(u h/a)) cos(ut) cos(us) du ds = 1, κ = ∫ φ dt; L the answer of
-    the surface to a pressure of one wave number over that of a half space (Lebedev & Ufliand 1958).
+    φ(t) - 2/π ∫_0^1 φ(s) ∫_0^∞ (1 - L(u h/a)) cos(ut) cos(us) du ds = 1, κ = ∫ φ dt; L the answer
+    of the surface to a pressure of one wave number over that of a half space (Lebedev & Ufliand
+    1958).
     """
     k = 3 - 4 * nu
     u, step = np.linspace(1e-9, 40 * (1 + aspect), 8001, retstep=True)
