@@ -109,7 +109,9 @@ COARSE = ("expect=[]", "mesh.y.cells=[8]", "time.step=0.02", "time.growth=1.4")
 @pytest.mark.parametrize("young", [3e6, 3e8])
 @pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0)])
 def test_a_column_along_or_across_the_axis_settles_by_its_own_modulus(young, axis):
-    """In some 10 sweeps of the default scheme at most, though the other direction is ten times as stiff or as soft."""
+    """In some ten sweeps of the default scheme, though the other direction is ten times as
+    stiff or as soft.
+    """
     solid = (f"material.0.solid.young_along={young}", f"material.0.solid.axis={list(axis)}")
     scene = load_scene("layered_column", (*COARSE, *solid))
     modulus = scene.material[0].elastic_law().stiffness(3)[1, 1, 1, 1]

@@ -120,7 +120,7 @@ def test_end_states_are_the_published_ones(law, settlements):
     assert drained_ratio("linear_elastic", 7.5e6) - 1 == pytest.approx(-0.383808, abs=6e-7)
 
 
-@pytest.mark.parametrize("law", ELASTIC)
+@pytest.mark.parametrize("law", [name for name, law in ELASTIC.items() if not law.anisotropic])
 def test_the_uniaxial_stress_is_that_of_the_law(law):
     """Two independent formulas: the closed form of one dimension and the tensor law of the
     package.

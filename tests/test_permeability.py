@@ -3,6 +3,7 @@ papers.
 """
 
 from fractions import Fraction
+from math import exp
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from porofsi_petsc.materials.porous import PorousMaterial
 from porofsi_petsc.registry import examples, parameters
 
 ROUND_OFF = 1e-14
-# law -> (n_s0, exponent, ((J, k/k0), …)): one state in compression, one in extension
+# law -> (n_s0, exponent and slope, ((J, k/k0), …)): one state in compression, one in extension
 BY_HAND = {
     "constant": (
         Fraction(1, 4),
@@ -40,6 +41,14 @@ BY_HAND = {
         7,
         ((Fraction(4, 5), Fraction(10, 27)), (Fraction(2), Fraction(256, 27))),
     ),
+    # Holmes & Mow, J. Biomech. 23 (1990) 1145: that of Markert times exp(M (J² - 1)/2)
+    "holmes_mow": (
+        Fraction(1, 4),
+        3,
+        ((Fraction(7, 10), 0.216 * exp(-0.765)), (Fraction(8, 5), 5.832 * exp(2.34))),
+    ),
+    # Lai & Mow, Biorheology 17 (1980) 111: exp(M e), e = J - 1
+    "exponential": (Fraction(1, 4), 3, ((Fraction(7, 10), exp(-0.9)), (Fraction(8, 5), exp(1.8)))),
     # Xie & Leo, Comput. Geotech. 31 (2004) 301: k/k0 = J^2; it knows neither n nor an exponent
     "xie_leo": (
         Fraction(2, 5),
@@ -50,8 +59,8 @@ BY_HAND = {
 
 
 def permeability(law):
-    given = {"exponent": BY_HAND[law][1]} if parameters(PERMEABILITY[law]) else {}
-    return PERMEABILITY[law](**given)
+    number = BY_HAND[law][1]
+    return PERMEABILITY[law](**dict.fromkeys(parameters(PERMEABILITY[law]), number))
 
 
 def material(law, **changes):

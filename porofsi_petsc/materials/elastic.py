@@ -30,9 +30,7 @@ class ElasticLaw:
     small_strain = False  # true: the stress is linear in F and the tangent constant
     # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
     compacts = False
-    # true: at small strain it is not that of λ and μ alone; then the law has `axes`, unit vectors
-    # (3,), and its own moduli
-    anisotropic = False
+    anisotropic = False  # true: at small strain it is not that of λ and μ alone
 
     @property
     def oedometer_modulus(self) -> float:
@@ -40,6 +38,11 @@ class ElasticLaw:
         anisotropic law that of the stiffest direction.
         """
         return self.lam + 2 * self.mu
+
+    @property
+    def axes(self) -> tuple[np.ndarray, ...]:
+        """Return the unit vectors (3,) of an anisotropic law."""
+        return ()
 
     @property
     def softest_modulus(self) -> float:
