@@ -9,6 +9,7 @@ collocated rates.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,7 @@ class Steady:
 
     alpha_m = alpha_f = 1.0
     c_v = c_a = 0.0
+    duration = math.inf  # of a step [s]: what takes time has come to its end
 
     def rates(
         self, y1: np.ndarray, y0: np.ndarray, r0: np.ndarray, a0: np.ndarray
@@ -102,6 +104,11 @@ class FirstOrder:
 
     c_a = 0.0  # no second rate
 
+    @property
+    def duration(self) -> float:
+        """Return the time that passes in a step [s]."""
+        return self.dt
+
     def rates(
         self, y1: np.ndarray, y0: np.ndarray, r0: np.ndarray, a0: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -132,6 +139,11 @@ class SecondOrder:
     alpha_f: float
     gamma: float
     beta: float
+
+    @property
+    def duration(self) -> float:
+        """Return the time that passes in a step [s]."""
+        return self.dt
 
     @property
     def c_v(self) -> float:

@@ -115,6 +115,17 @@ def stacked(F: np.ndarray) -> np.ndarray:
     return plain(F).reshape(-1, *F.shape[-2:])
 
 
+def three_dimensional(H: np.ndarray) -> np.ndarray:
+    """Return displacement gradients (..., 3, 3), those of plane strain with a zero third row and
+    column.
+    """
+    if H.shape[-1] == 3:
+        return H
+    full = np.zeros((*H.shape[:-2], 3, 3))
+    full[..., :2, :2] = H
+    return full
+
+
 def transpose(F: np.ndarray) -> np.ndarray:
     """Return F^T."""
     return np.swapaxes(F, -1, -2)

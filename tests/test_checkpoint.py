@@ -244,7 +244,7 @@ def unknown(kind, value, place=()):
             yield from unknown(kind[0], entry, place)
 
 
-OF_THE_FILE = ("format_version", "mesh_hash", "ranks", "nodes", "regions", "scene_name")
+OF_THE_FILE = ("format_version", "mesh_hash", "ranks", "nodes", "cells", "regions", "scene_name")
 SHORT = ("expect=[]", "time.step=1e-3", "time.end=2e-3", "output.checkpoint_every=1")
 EVERY_PART = {
     "step control": (

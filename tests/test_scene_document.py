@@ -46,6 +46,7 @@ TABLES = {
     "[time]": sections.Time,
     "[[material]]": material.Material,
     "material.solid": material.Solid,
+    "material.solid.prony": material.MaxwellBranch,
     "material.fluid": material.Fluid,
     "material.permeability": material.Permeability,
     "[[boundary]]": conditions.Boundary,

@@ -17,6 +17,7 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from ..materials import ELASTIC, PERMEABILITY, ElasticLaw
+from ..materials.viscoelastic import Branch
 from ..registry import Parameter, Registry, parameters
 from .types import ListOf, Number, Positive, Table, Tags, wrong
 
@@ -83,9 +84,18 @@ def _key(entry: Parameter) -> tuple:
     return kind, ... if entry.default is None else entry.default
 
 
+class MaxwellBranch(Table):
+    """A branch of a generalized Maxwell body: modulus over that of the law [-] and relaxation time
+    [s].
+    """
+
+    modulus: Positive
+    time: Positive
+
+
 class Solid(OfLaw):
     """The skeleton: law, Lamé parameters [Pa] (or young [Pa] and poisson) and true density rho_sR
-    [kg/m^3].
+    [kg/m^3]; branches of a generalized Maxwell body of a viscoelastic one.
     """
 
     lambda_: Number | None = Field(None, alias="lambda")
@@ -93,6 +103,7 @@ class Solid(OfLaw):
     young: Positive | None = None
     poisson: Annotated[Number, Field(gt=-1, lt=0.5)] | None = None
     density: Positive
+    prony: Annotated[tuple[MaxwellBranch, ...], ListOf(shortest=1)] | None = None
 
     @model_validator(mode="after")
     def _resolve_lame(self):
@@ -272,9 +283,9 @@ class Material(Table):
         """Return the law of the solid with its parameters."""
         solid = self.solid
         assert solid  # nobody asks a fluid
-        return ELASTIC[solid.law](
-            solid.lambda_, solid.mu, 1 - (self.porosity or 0.0), **solid.of_law()
-        )
+        prony = tuple(Branch(entry.modulus, entry.time) for entry in solid.prony or ())
+        n_s0 = 1 - (self.porosity or 0.0)
+        return ELASTIC[solid.law](solid.lambda_, solid.mu, n_s0, prony, **solid.of_law())
 
     @model_validator(mode="after")
     def _constituents_agree(self):

@@ -652,6 +652,12 @@ class Scene(Table):
                 "reference.solution",
             )
         material = self.material[0]
+        if material.solid.prony:
+            raise wrong(
+                f"received '{self.reference.solution}' with material.solid.prony, expected an"
+                " elastic soil; leave one of the two out",
+                "reference.solution",
+            )
         stores = material.biot_coefficient != 1.0 or material.fluid.bulk_modulus
         if stores and self.reference.solution not in COMPRESSIBLE:
             raise wrong(

@@ -10,6 +10,7 @@ from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..phases.block import LinearBlock
 from ..phases.coupling_data import Flow, MeshState, Rates
+from ..phases.internal import InternalVariables
 from ..phases.residual import Residual
 from ..phases.setup import FreeFluidSetup, PhaseSetup, PoreFluidSetup
 from ..phases.surface_terms import SurfaceTerms
@@ -45,6 +46,7 @@ class Solid(Phase, Protocol):
     """The solid, or the skeleton of a porous medium."""
 
     u: np.ndarray
+    internal: InternalVariables
 
     @property
     def is_stiff_in_volume(self) -> bool: ...

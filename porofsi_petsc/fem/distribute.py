@@ -3,6 +3,7 @@ these cells.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -74,6 +75,13 @@ class LocalMesh:
     def n_local(self) -> int:
         """Return the number of owned and ghost nodes."""
         return len(self.natural)
+
+    @cached_property
+    def cell_order(self) -> NaturalOrder:
+        """Return the exchange of rows of all cells of the rank, (E, ...), with slabs of the natural
+        order (collective when first asked for).
+        """
+        return NaturalOrder(self.comm, self.cell_natural, self.n_cells_global)
 
 
 def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None) -> LocalMesh:

@@ -1,6 +1,4 @@
-"""Between the owned rows of a rank and its slab of rows in the natural order, the order of all
-output.
-"""
+"""Between the rows of a rank and its slab of rows in the natural order, the order of all output."""
 
 import numpy as np
 from mpi4py import MPI
@@ -9,6 +7,8 @@ from mpi4py import MPI
 class NaturalOrder:
     """The exchange between owned nodes and slabs; slab r holds the natural rows bounds[r] …
     bounds[r + 1] - 1.
+
+    A row that several ranks have, as that of an overlapped element, is equal on all of them.
 
     bounds : (size + 1,) int64, slabs of equal size up to one row.
     """
@@ -34,7 +34,8 @@ class NaturalOrder:
         ...); collective.
         """
         arrived = _exchange(self._comm, owned, self._owned, self._slab)
-        slab = np.empty_like(arrived)
+        rows = np.diff(self.bounds)[self._comm.rank]
+        slab = np.empty((rows, *arrived.shape[1:]), arrived.dtype)
         slab[self._rows] = arrived
         return slab
 

@@ -32,7 +32,7 @@ ELASTIC = Registry(
         "xie_leo": XieLeo,
         "ehlers_eipper": EhlersEipper,
     },
-    taken=("lambda", "lambda_", "lam", "mu", "n_s0", "young", "poisson", "density"),
+    taken=("lambda", "lambda_", "lam", "mu", "n_s0", "prony", "young", "poisson", "density"),
     check=check_elastic,
 )
 

@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ..tensors import three_dimensional
+from .viscoelastic import Branch, Overstressed, relaxed
+
 
 @dataclass(frozen=True)
 class ElasticLaw:
@@ -21,11 +24,13 @@ class ElasticLaw:
     `from_energy.FromEnergy`.
 
     n_s0 : initial solid fraction [-]; only a law with a compaction point, `compacts`, looks at it
+    prony : branches of a generalized Maxwell body, of which the law is the spring that remains
     """
 
     lam: float
     mu: float
     n_s0: float = 0.0
+    prony: tuple[Branch, ...] = ()
 
     small_strain = False  # true: the stress is linear in F and the tangent constant
     # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
@@ -48,6 +53,25 @@ class ElasticLaw:
     def softest_modulus(self) -> float:
         """Return the modulus of a laterally confined compression in the softest direction [Pa]."""
         return self.oedometer_modulus
+
+    @property
+    def memory(self) -> int:
+        """Return the number of internal variables of a point, 0 of a law of the present strain
+        alone.
+        """
+        return 9 * (1 + len(self.prony)) if self.prony else 0
+
+    def after(self, internal: np.ndarray, duration: float) -> Any:
+        """Return stress, tangent and energy as functions of H at the end of a time [s] that starts
+        with the internal variables (..., memory); of a law with memory.
+        """
+        return Overstressed(self, internal, duration)
+
+    def updated(self, internal: np.ndarray, duration: float, H: np.ndarray) -> np.ndarray:
+        """Return the internal variables, (..., memory), at the end of a time [s] that starts with
+        others and ends with H, (..., d, d); of a law with memory.
+        """
+        return relaxed(self, internal, duration, three_dimensional(H))
 
     lowest_ratio = 0.0  # J in confined compression below which the law softens, or has no stress
 

@@ -52,7 +52,8 @@ def write_checkpoint(
 
     header : dict with JSON values (scene text, step, time [s], …), equal on every rank;
     format_version, mesh_hash, ranks,
-    nodes, regions are added here.  arrays : dict name -> (n_owned, ...) in local order.
+    nodes, cells, regions are added here.  arrays : dict name -> (n_owned, ...) in local order; of
+    cells, as `is_of_cells` says, (E, ...) with those that other ranks have too.
     Raises PorofsiError when it cannot be written.
     """
     path = Path(directory) / NAME
@@ -61,14 +62,27 @@ def write_checkpoint(
         "mesh_hash": mesh.hash,
         "ranks": mesh.comm.size,
         "nodes": int(mesh.n_global),
+        "cells": int(mesh.n_cells_global),
     }
     own["regions"] = list(mesh.regions)
-    slabs = {name: mesh.order.to_slab(array) for name, array in arrays.items()}
+    slabs = {name: _order(mesh, name).to_slab(array) for name, array in arrays.items()}
     written = path.with_name("checkpoint.next.h5")
     attributes = {"format": FORMAT, "header": to_json({**header, **own})}
     write_slabs(written, mesh.comm, slabs, attributes, front=FRONT)
     seal(written, mesh.comm)
     on_root(mesh.comm, _replace, written, path)
+
+
+def is_of_cells(name: str) -> bool:
+    """Return whether an array has a row for each cell, "solid.cell_..."; others have one for each
+    node.
+    """
+    return name.rpartition(".")[2].startswith("cell_")
+
+
+def _order(mesh, name):
+    """Return the `NaturalOrder` of the rows of an array."""
+    return mesh.cell_order if is_of_cells(name) else mesh.order
 
 
 def _replace(written, path):
@@ -103,8 +117,8 @@ def open_checkpoint(path: str | os.PathLike[str], comm: MPI.Comm) -> dict[str, A
 def read_arrays(
     path: str | os.PathLike[str], header: dict[str, Any], mesh: LocalMesh
 ) -> dict[str, np.ndarray]:
-    """Return dict name -> (n_owned, ...) in the local order of the mesh; collective, any number of
-    ranks.
+    """Return dict name -> (n_owned, ...), of cells (E, ...), in the local order of the mesh;
+    collective, any number of ranks.
 
     header : of `open_checkpoint`.  Raises InputError when the file belongs to another mesh or is
     damaged.
@@ -116,18 +130,18 @@ def read_arrays(
             f" {mesh.hash} of the scene with the regions {', '.join(regions)}; restart with the"
             " scene and mesh file of the first run"
         )
-    start = mesh.order.bounds[mesh.comm.rank]
-    stop = mesh.order.bounds[mesh.comm.rank + 1]
-    slabs = (
-        on_all(mesh.comm, partial(read_slab, path, name, start, stop)) for name in header["arrays"]
-    )
-    arrays = {
-        name: mesh.order.from_slab(slab) for name, slab in zip(header["arrays"], slabs, strict=True)
-    }
+    arrays = {name: _read(path, name, mesh) for name in header["arrays"]}
     finite = all(np.isfinite(array).all() for array in arrays.values())
     if not mesh.comm.allreduce(finite, op=MPI.LAND):
         raise damaged(path, "it holds numbers that are not finite", mesh.comm)
     return arrays
+
+
+def _read(path, name, mesh):
+    """Return an array in the local order of the mesh (collective)."""
+    order = _order(mesh, name)
+    start, stop = order.bounds[mesh.comm.rank : mesh.comm.rank + 2]
+    return order.from_slab(on_all(mesh.comm, partial(read_slab, path, name, start, stop)))
 
 
 def damaged(path: str | os.PathLike[str], what: str, comm: MPI.Comm) -> InputError:
@@ -189,10 +203,10 @@ def _read_header(path, sealed):
             f"{path}: damaged, a checkpoint of format {version} has {'no' if sealed else 'a'}"
             " checksum"
         )
-    if any(array is None or array.shape[:1] != (header["nodes"],) for array in arrays.values()):
-        raise InputError(
-            f"{path}: damaged, expected {header['nodes']} rows of numbers in every array"
-        )
+    for name, array in arrays.items():
+        rows = header.get("cells", 0) if is_of_cells(name) else header["nodes"]
+        if array is None or array.shape[:1] != (rows,):
+            raise InputError(f"{path}: damaged, expected {rows} rows of numbers in every array")
     return {**header, "arrays": arrays, "sealed": sealed}
 
 

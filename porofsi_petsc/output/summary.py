@@ -111,7 +111,10 @@ SUMMARY_KEYS = {
     "energy.stabilization_dissipation": (
         "dissipation of the stabilization terms since the start [J]"
     ),
-    "energy.time_scheme_dissipation": "dissipation of the time integration since the start [J]",
+    "energy.time_scheme_dissipation": (
+        "dissipation of the time integration since the start, and what the branches of viscoelastic"
+        " solids store and dissipate [J]"
+    ),
     "energy.balance_error": "external work minus change of all energies minus all dissipations [J]",
     "energy.balance_error_relative": "balance error over the largest external work so far [-]",
     "peak_memory_bytes.max": "largest resident memory of a rank [bytes]",

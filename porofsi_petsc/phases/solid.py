@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from functools import cached_property
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..materials.elastic import ElasticLaw
 from ..tensors import det_minus_one
 from .block import LinearBlock
 from .coupling_data import Flow, MeshState, Rates
+from .internal import InternalVariables
 from .kept_force import KeptForce
 from .loads import body_acceleration
 from .residual import Residual
@@ -63,6 +65,7 @@ class SolidPhase:
         self.v = np.zeros(shape)
         self.a = np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
+        self.internal = InternalVariables(self.domain, self._laws)
         self._rule = TangentRule(self.is_linear)
         self._configuration: Configuration | None = None
         self._accepted_configuration: Configuration | None = None
@@ -114,6 +117,8 @@ class SolidPhase:
         """
         self.u[:] = displacement
         self.v[:] = velocity
+        if self.internal:  # at rest where it is
+            self.internal.accept(self.u, inf, self._doubles_per_cell)
         self._accepted_configuration = None
         self.reset()
 
@@ -281,8 +286,9 @@ class SolidPhase:
                 material = setup.materials[region]
                 stiffness = domain.reference_stiffness.part(chunk)
                 nodal = domain.gather(u, chunk)
+                law = self._collocated_law(material.elastic, chunk)
                 stress = kernel.stress_residual(
-                    stiffness.G, stiffness.dV, material.elastic, nodal, stiffness.hoop
+                    stiffness.G, stiffness.dV, law, nodal, stiffness.hoop
                 )
                 domain.add(terms["stress"], chunk, stress)
                 if setup.inertia:
@@ -294,6 +300,13 @@ class SolidPhase:
                     )
             self._own = terms
         return self._own
+
+    def _collocated_law(self, law, chunk):
+        """Return the law of some elements on the collocation level."""
+        if not self.internal:
+            return law
+        duration = self.scheme.alpha_f * self.scheme.duration
+        return self.internal.law(law, chunk, duration)
 
     @property
     def _doubles_per_cell(self):
@@ -445,9 +458,8 @@ class SolidPhase:
             fields = [
                 None if field is None else domain.gather(field, chunk) for field in (u, before)
             ]
-            K = kernel.stress_tangent(
-                stiffness.G, stiffness.dV, material.elastic, *fields, stiffness.hoop
-            )
+            law = self._collocated_law(material.elastic, chunk)
+            K = kernel.stress_tangent(stiffness.G, stiffness.dV, law, *fields, stiffness.hoop)
             mass = weights(material, configuration, chunk, rates)
             if mass is not None:
                 add_mass(K, domain.mass.N, mass, self.mesh.dim)
@@ -492,6 +504,10 @@ class SolidPhase:
         configuration = self._configuration_at(self._u1)
         self.surfaces.accept(State(self._t_end, self._u1, self._v1))
         self._accepted_configuration = configuration
+        if self.internal:
+            self.internal.accept(self._u1, self.scheme.duration, self._doubles_per_cell)
+            if not self.is_linear:  # its tangent is that of variables that are gone
+                self._rule.forget()
         self.u, self.v, self.a = self._u1.copy(), self._v1.copy(), self._a1.copy()
         if self.setup.reaction:
             self.kept.accept(self.scheme, -self._residual.without("traction"))
@@ -502,11 +518,13 @@ class SolidPhase:
         self._configuration = self._own = None
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return every array a restart needs, name -> (n_owned, d)."""
+        """Return every array a restart needs, name -> (n_owned, d), and that of the internal
+        variables.
+        """
         n = self.mesh.n_owned
         fields = {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]}
         kept = self.kept.state() if self.setup.reaction else {}
-        return fields | kept | self._rule.state(n)
+        return fields | kept | self._rule.state(n) | self.internal.state()
 
     def memory(self) -> dict[str, Any]:
         """Return the numbers a restart needs beside the arrays."""
@@ -520,13 +538,14 @@ class SolidPhase:
         made again where it was.
         """
         self.u, self.v, self.a = (self.mesh.halo.extend(arrays[name]) for name in ("u", "v", "a"))
+        self.internal.load(arrays)
         self.surfaces.load(memory.get("surfaces", {}))
         if self.setup.reaction:
             self.kept.load(arrays, memory)
         self._accepted_configuration = None
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)
-        if point is None or self._rule.rates != rates:
+        if point is None or self._rule.rates != rates or self.internal:
             self._rule.forget()
         else:
             u = point.get("u", self.u)
@@ -544,7 +563,11 @@ class SolidPhase:
             stiffness = domain.reference_stiffness.part(chunk)
             nodal = domain.gather(self.u, chunk)
             elastic[chunk] = kernel.stored_energy(
-                stiffness.G, stiffness.dV, self._laws[region], nodal, stiffness.hoop
+                stiffness.G,
+                stiffness.dV,
+                self.internal.law(self._laws[region], chunk, 0.0),
+                nodal,
+                stiffness.hoop,
             )
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
             kinetic[chunk] = (

@@ -12,6 +12,7 @@ from ..fem.geometry import hoop_functions
 from ..kernels.solid import stress_load
 from ..kernels.surface import traction_load
 from ..mesh.topology import boundary_facets, cell_facets, locate_facets
+from .internal import InternalVariables
 from .setup import FreeFluidSetup, PhaseSetup
 
 
@@ -21,7 +22,8 @@ class State(NamedTuple):
     residual (n_owned, k) of `FreeFluid.force` or `SolidPhase.force` [N], of a porous medium the sum
     of both phases, or `PoreFluid.outflow` [m³/s]; u (n_local, d) [m] of the mesh or the solid; of a
     fluid v, c = v - v_m (n_local, d), p (n_local,);
-    given : facets, nodes (F, Af), and vectors (F, Af, k) of the conditions on surfaces
+    given : facets, nodes (F, Af), and vectors (F, Af, k) of the conditions on surfaces;
+    internal : internal variables of the solid
     """
 
     residual: np.ndarray
@@ -31,6 +33,7 @@ class State(NamedTuple):
     c: np.ndarray | None = None
     p: np.ndarray | None = None
     given: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+    internal: InternalVariables | None = None
 
 
 class SurfaceForce:
@@ -241,4 +244,7 @@ class SolidForce(SurfaceForce):
         if self._domain.element.axisymmetric:
             r = self._domain.mesh.X[self._domain.cells[rows], 0] @ N.T
             hoop = hoop_functions(N, G, r)
-        return stress_load(*surface, material.elastic, self._domain.gather(state.u, rows), hoop)
+        law = material.elastic
+        if state.internal is not None:
+            law = state.internal.law_at(law, rows, N)
+        return stress_load(*surface, law, self._domain.gather(state.u, rows), hoop)

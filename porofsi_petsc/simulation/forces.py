@@ -70,7 +70,7 @@ class InterfaceForces:
         solid = self._coupling.solid
         others = self._coupling.to_solid(self._interface.of_others(flow))
         given = solid.surfaces.given(OnSurfaces(t, solid.u, solid.v))
-        return State(solid.force - others, t, solid.u, given=given)
+        return State(solid.force - others, t, solid.u, given=given, internal=solid.internal)
 
 
 class PorousForces:
@@ -146,4 +146,5 @@ def porous_state(coupling: Any, residual: np.ndarray, t: float) -> State:
     """
     solid = coupling.solid
     fluid = coupling.fluid
-    return State(residual, t, solid.u, fluid.v, fluid.v - solid.v, fluid.borne_pressure)
+    of_fluid = fluid.v, fluid.v - solid.v, fluid.borne_pressure
+    return State(residual, t, solid.u, *of_fluid, internal=solid.internal)

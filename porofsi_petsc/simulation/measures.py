@@ -25,7 +25,7 @@ from ..materials.strain import deformation, green_strain
 from ..mesh.topology import is_collapsed, times_in_cell
 from ..phases.coupling_data import MeshState
 from ..phases.residual import Residual
-from ..tensors import det_minus_one, transpose
+from ..tensors import det_minus_one, three_dimensional, transpose
 from .auto import AnyMedium, at_start
 from .builder import materials_of
 from .flow_reference import FlowComparison
@@ -118,6 +118,7 @@ class Measures:
         """
         self._scene = at_start(scene)
         self._materials = materials
+        self._coupling = coupling
         self._solid = coupling.solid.domain
         self._fluid = coupling.fluid.domain
         self._mesh = self._solid.mesh
@@ -174,10 +175,11 @@ class Measures:
         values = np.empty((*domain.cells.shape, 6))
         for region, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
             nodes = self._at_nodes(chunk)
-            H = _three_dimensional(
+            H = three_dimensional(
                 displacement_gradient(nodes.G, domain.gather(u, chunk), nodes.hoop)
             )
-            found = tensor(self._materials[region].elastic, H)
+            law = self._coupling.solid.internal.law_at(self._materials[region].elastic, chunk)
+            found = tensor(law, H)
             pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
             values[chunk] = np.stack([found[..., i, j] for i, j in pairs], axis=-1)
         return self._in_solid(values)
@@ -448,15 +450,6 @@ def _cauchy(law, H):
 def _strain(law, H):
     """Return the strain that a law sees, (..., 3, 3), for displacement gradients H."""
     return 0.5 * (H + transpose(H)) if law.small_strain else green_strain(H)
-
-
-def _three_dimensional(H):
-    """Return H with the zero third row and column of plane strain added."""
-    if H.shape[-1] == 3:
-        return H
-    full = np.zeros((*H.shape[:-2], 3, 3))
-    full[..., :2, :2] = H
-    return full
 
 
 def _omissions(scene, materials):

@@ -1,0 +1,90 @@
+"""The internal variables of laws with memory at the quadrature points of a solid."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..fem.domain import Domain
+from ..kernels.solid import displacement_gradient
+from ..materials.elastic import ElasticLaw
+
+ARRAY = "cell_internal"  # name in a checkpoint, with a row for each cell
+
+
+class InternalVariables:
+    """Those of the accepted state, (E, Q', m) at the points of the stress, of all elements that the
+    rank has; m is that of the law with the most, 0 where no law has a memory.
+
+    A stress between the accepted level and the end of a step is that of the accepted variables
+    after a part of the step; they are integrated to its end when it is accepted.
+    """
+
+    def __init__(self, domain: Domain, laws: Mapping[str, ElasticLaw]) -> None:
+        """Start at rest without strain; laws : region -> law."""
+        self._domain = domain
+        self._laws = laws
+        self._size = max((law.memory for law in laws.values()), default=0)
+        if self:
+            points = domain.reference_stiffness.G.shape[1]
+            self._values = np.zeros((domain.n_cells, points, self._size))
+
+    def __bool__(self) -> bool:
+        """Return whether a law has a memory."""
+        return self._size > 0
+
+    def law(self, law: ElasticLaw, chunk: slice, duration: float) -> Any:
+        """Return the law of some elements at their points, a time [s] after the accepted state."""
+        return law.after(self._values[chunk, :, : law.memory], duration) if law.memory else law
+
+    def law_at(self, law: ElasticLaw, rows: Any, N: np.ndarray | None = None) -> Any:
+        """Return the law of some elements in the accepted state at their nodes, or at points with
+        the shape functions N (P, A).
+
+        The variables there are the linear ones next to those of the points.
+        """
+        if not law.memory:
+            return law
+        to_points = self._to_nodes if N is None else N @ self._to_nodes
+        return law.after(to_points @ self._values[rows][..., : law.memory], 0.0)
+
+    @cached_property
+    def _to_nodes(self):
+        """Return the map from the points to the nodes of an element, (A, Q')."""
+        element = self._domain.element
+        points = self._domain.stiffness.points
+        centre = points.mean(axis=0)
+        if self._values.shape[1] == 1:
+            points = centre[None]
+        basis, at_nodes = (
+            np.column_stack([np.ones(len(x)), x - centre])
+            for x in (points, element.node_coordinates)
+        )
+        return at_nodes @ np.linalg.pinv(basis)
+
+    def accept(self, u: np.ndarray, duration: float, doubles_per_cell: float) -> None:
+        """Integrate them over a time [s] that ends with the displacement u (n_local, d) [m]."""
+        domain = self._domain
+        for region, chunk in domain.chunks(doubles_per_cell):
+            law = self._laws[region]
+            if law.memory:
+                part = domain.reference_stiffness.part(chunk)
+                H = displacement_gradient(part.G, domain.gather(u, chunk), part.hoop)
+                values = self._values[chunk, :, : law.memory]
+                values[...] = law.updated(values, duration, H)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the array that a restart needs, with a row for each cell of the rank's mesh; {}
+        without memory.
+        """
+        if not self:
+            return {}
+        rows = self._domain.row_of_cell
+        return {ARRAY: np.where((rows >= 0)[:, None, None], self._values[rows], 0.0)}
+
+    def load(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Continue from `state`."""
+        if self:
+            rows = self._domain.row_of_cell
+            self._values[rows[rows >= 0]] = arrays[ARRAY][rows >= 0]
