@@ -216,7 +216,8 @@ def _located(body, rows, name):
         at = f", the first at {check.place(body.points[nodes].mean(axis=0))}"
         raise InputError(
             f"{body.path}: {len(lost)} facets of '{name}' belong to no cell"
-            f"{at if (nodes >= 0).all() else ''}; remove them"
+            f"{at if (nodes >= 0).all() else ''}; remove them, or list the groups that count in"
+            " mesh.groups"
         )
     return np.unique(cell * len(body.element.facets) + local)
 
