@@ -81,6 +81,8 @@ class _Deck:
 
     def source(self):
         """Return the Source: numbers of the file replaced by places."""
+        if not len(self._nodes):
+            raise ValueError("it has no nodes, as files of Kratos have")
         table = np.array(self._nodes, dtype=float)
         places = places_of(table[:, 0].astype(np.int64))
         tables = [

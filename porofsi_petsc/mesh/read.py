@@ -114,12 +114,23 @@ def _source(path, dim, reading):
     """Return the content of a file with cells that elements have, and sentences on what was cut."""
     source = _content(path, dim)
     if reading.facets is not None:
-        further = _content(Path(reading.facets), dim)
-        source.tags = [*source.tags, *(part(own, [dim - 1]) for own in (further, *further.tags))]
+        source.tags = [*source.tags, *_further(Path(reading.facets), dim)]
     source = joined(source, reading.array, dim, path)
     source, prisms = cut_prisms(source, path)
     source, quadratic = cut_quadratic(source, dim)
     return source, [note for note in (prisms, quadratic) if note]
+
+
+def _further(path, dim):
+    """Return the facets of a further file; raises InputError where none of them are in groups."""
+    further = _content(path, dim)
+    facets = [part(own, [dim - 1]) for own in (further, *further.tags)]
+    if not any(own.sets or own.arrays for own in facets):
+        raise InputError(
+            f"{path}: mesh.facets, and no facets of it are in groups or have an array of integers;"
+            " give a file with tagged facets, or leave the key out"
+        )
+    return facets
 
 
 def _content(path, dim):
