@@ -194,6 +194,8 @@ def test_what_does_not_fit_is_refused(tmp_path):
         InputError, match="1[0-9] nodes of the tags are none of the mesh, the first"
     ):
         pair(mesh.points * 2 + 0.1, {"f": numbers})
+    with pytest.raises(InputError, match="none.xdmf: no such mesh file; check mesh.facets in the"):
+        read_mesh(tmp_path / "mesh.xdmf", 2, Reading(facets=str(tmp_path / "none.xdmf")))
     with pytest.raises(InputError, match="facets.xdmf: mesh.facets, and no facets of it are in"):
         pair(mesh.points, {})
     doubled = np.vstack([mesh.points, mesh.points[:1]])

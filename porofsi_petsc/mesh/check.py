@@ -43,15 +43,15 @@ def _require_names(names, available, where, kind):
             )
 
 
-def require_file(path: Path) -> None:
-    """Raise InputError unless the path is a file with content that may be read."""
+def require_file(path: Path, key: str = "mesh.path") -> None:
+    """Raise InputError unless the path, of a key in the scene, is a file with content that may be
+    read.
+    """
     if not path.exists():
-        raise InputError(f"{path}: no such mesh file; check mesh.path in the scene")
+        raise InputError(f"{path}: no such mesh file; check {key} in the scene")
     if not path.is_file():
         kind = "a directory" if path.is_dir() else "a device or pipe"
-        raise InputError(
-            f"{path}: received {kind}, expected a mesh file; check mesh.path in the scene"
-        )
+        raise InputError(f"{path}: received {kind}, expected a mesh file; check {key} in the scene")
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the mesh file is empty (0 bytes); write the mesh again")
     if not os.access(path, os.R_OK):

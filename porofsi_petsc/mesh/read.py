@@ -112,6 +112,7 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
 
 def _source(path, dim, reading):
     """Return the content of a file with cells that elements have, and sentences on what was cut."""
+    check.require_file(path)
     source = _content(path, dim)
     if reading.facets is not None:
         source.tags = [*source.tags, *_further(Path(reading.facets), dim)]
@@ -123,6 +124,7 @@ def _source(path, dim, reading):
 
 def _further(path, dim):
     """Return the facets of a further file; raises InputError where none of them are in groups."""
+    check.require_file(path, "mesh.facets")
     further = _content(path, dim)
     facets = [part(own, [dim - 1]) for own in (further, *further.tags)]
     if not any(own.sets or own.arrays for own in facets):
@@ -135,7 +137,6 @@ def _further(path, dim):
 
 def _content(path, dim):
     """Return what a file says, arrays and numbers of nodes checked."""
-    check.require_file(path)
     source = read_source(path)
     for own in (source, *source.tags):
         check.require_arrays(own.points, [block.data for block in own.blocks], dim, path)
