@@ -246,8 +246,10 @@ def test_nodes_of_kratos_and_what_is_refused(tmp_path):
     assert same_facets({"x": read.facets["held"]}, {"x": mesh.facets["left"]})
     (tmp_path / "a.mdpa").write_text(text + text[text.index("Begin SubModelPart ") :])
     refused(tmp_path / "a.mdpa", 3, "two sub model parts 'whole'; rename one")
-    (tmp_path / "a.mdpa").write_text(text.replace("3D4N", "3D7N"))
-    refused(tmp_path / "a.mdpa", 3, "elements of the type SmallDisplacementElement3D7N; mesh the")
+    (tmp_path / "a.mdpa").write_text(text.replace("3D4N", "3D").replace("3D3N", "3D"))
+    assert same_facets(read_mesh(tmp_path / "a.mdpa", 3).facets, mesh.facets)
+    (tmp_path / "a.mdpa").write_text(text.replace("Element3D4N", "Element4N"))
+    refused(tmp_path / "a.mdpa", 3, "elements of the type SmallDisplacementElement4N with 4 nodes")
 
 
 FEBIO = {"T3": "tri3", "T6": "tri6", "Q4": "quad4", "Q8": "quad8", "T4": "tet4", "T10": "tet10"}

@@ -49,8 +49,8 @@ class _Deck:
 
     def __init__(self):
         self._rows = []
-        self._nodes = np.empty((0, 4))
-        self._blocks = []  # what it is, kind, table of number, property and nodes
+        self._nodes = []
+        self._blocks = []  # what it is, type, rows of number, property and nodes
         self._parts = {}  # name -> what -> numbers
         self._inside = []
 
@@ -63,9 +63,9 @@ class _Deck:
             self._parts[head[1]] = {}
             self._inside.append(head[1])
         elif head[0] in ("Elements", "Conditions"):
-            self._blocks.append((head[0], _kind(*head[:2]), self._rows))
+            self._blocks.append((head[0], head[1], self._rows))
         elif head[0] == "Nodes":
-            self._nodes = self._rows
+            self._rows = self._nodes
 
     def take(self, what, words):
         """Take a row."""
@@ -81,13 +81,13 @@ class _Deck:
 
     def source(self):
         """Return the Source: numbers of the file replaced by places."""
-        if not len(self._nodes):
+        if not self._nodes:
             raise ValueError("it has no nodes, as files of Kratos have")
         table = np.array(self._nodes, dtype=float)
         places = places_of(table[:, 0].astype(np.int64))
         tables = [
-            (what, kind, np.array(rows, dtype=np.int64))
-            for what, kind, rows in self._blocks
+            (what, _kind(what, type_, len(rows[0]) - 2), np.array(rows, dtype=np.int64))
+            for what, type_, rows in self._blocks
             if rows
         ]
         blocks = [
@@ -111,12 +111,12 @@ class _Deck:
         return Source(table[:, 1:4], blocks, sets, {}, node_sets)
 
 
-def _kind(what, type_):
-    """Return the name in meshio of "SmallDisplacementElement2D3N" and the like."""
-    match = re.search(r"([23])D_?(\d+)N", type_)
+def _kind(what, type_, count):
+    """Return the name in meshio of "SmallDisplacementElement2D3N", "VMS3D" and the like."""
+    match = re.search(r"([23])D(_?\d+N)?$", type_)
     kinds = KINDS[what, int(match[1])] if match else {}
     if re.match("Shell|Membrane|IsotropicShell", type_):
         kinds = _SURFACES
-    if not match or int(match[2]) not in kinds:
-        raise Unusable(f"{what.lower()} of the type {type_}; mesh the body with Element3D4N, ...")
-    return kinds[int(match[2])]
+    if not match or count not in kinds:
+        raise Unusable(f"{what.lower()} of the type {type_} with {count} nodes; give Element3D4N")
+    return kinds[count]
