@@ -189,6 +189,11 @@ def test_formats_whose_groups_are_not_read(tmp_path, suffix):
     refused(tmp_path / f"a{suffix}", 3, "not read; save the mesh as Gmsh .msh 2.2 or 4.1, Abaqus")
 
 
+def test_a_mesh_of_calculix_with_the_suffix_of_gmsh_is_told_so(tmp_path):
+    (tmp_path / "all.msh").write_text("*NODE, NSET=Nall\n1, 0.0, 0.0, 0.0\n")
+    refused(tmp_path / "all.msh", 3, "like a file of Abaqus or CalculiX; name it .inp")
+
+
 def test_polyhedra_are_refused(tmp_path):
     mesh = grid("H8", [SimpleNamespace(points=[0.0, 1.0], cells=[1], ratios=None)] * 3)
     faces = mesh.cells[0][np.array(mesh.element.facets)].tolist()
