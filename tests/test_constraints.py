@@ -303,6 +303,12 @@ def test_a_tie_of_sides_that_do_not_match_is_refused():
         displacement(of)
 
 
+def test_a_tie_of_a_side_with_itself_is_refused():
+    of = tied() | {"tie": [{"first": "left", "second": "left"}]}
+    with pytest.raises(InputError, match="'left' and 'left' with the node at .* tied to itself"):
+        displacement(of)
+
+
 @needs_mpirun
 def test_ranks(tmp_path):
     """Mandel's plate, and inclined rollers in 3-D by multigrid, on 1, 2 and 3 ranks."""

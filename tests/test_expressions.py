@@ -162,8 +162,8 @@ def test_table_interpolates_and_stays_constant_beyond_its_ends(tmp_path):
 @pytest.mark.parametrize(
     "content, entry, fragment",
     [
-        ("t,a\n0,1\n0,2\n", {}, "strictly increasing"),
-        ("t,a\n", {}, "at least one row"),
+        ("t,a\n0,1\n\n0,2\n", {}, "line 4: received 0 after 0, expected strictly increasing times"),
+        ("t,a\n", {}, "received no row of numbers"),
         ("t,a\n0,b\n", {}, "line 2, column 2: received 'b', expected a number"),
         ("t,a\n0\n", {}, "line 2 has 1 columns, expected 2"),
         ("t,a\n0,1\n", {"column": "b"}, "no column 'b'; choose from a"),
@@ -182,7 +182,7 @@ def test_table_interpolates_and_stays_constant_beyond_its_ends(tmp_path):
         ("0,nan\n", {}, "line 1, column 2: received 'nan', expected a number"),
         ("0,1e300\n", {}, "received '1e300', expected a number of at most 1e+40"),
         ("0,1e-200\n", {}, "the largest value is 1e-200"),
-        ("# only a comment\n", {}, "at least one row"),
+        ("# only a comment\n", {}, "received no row of numbers"),
         ("0," + "7" * 100_000 + "\n", {}, "received '777"),
         (b"0,1\n1,\xe9\n", {}, "byte 0xe9 in line 2 is not UTF-8"),
     ],

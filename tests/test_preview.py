@@ -146,11 +146,17 @@ def test_a_picture_of_the_mesh(tmp_path, dim):
     panels = [[c for c in ax.collections if isinstance(c, PolyCollection)] for ax in figure.axes]
     drawn = [[len(c.get_paths()) for c in panel] for panel in panels]
     assert drawn == ([[9]] if dim == 2 else [[27]] * 4)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == [*mesh.regions, *mesh.facets]
+    assert legend(figure) == [*mesh.facets, *mesh.regions]
+    many = tuple(f"group_{i}" for i in range(40))  # of which the boundaries must stay to be seen
+    draw_mesh(figure := Figure(), replace(mesh, regions=many))
+    assert legend(figure)[: len(mesh.facets)] == list(mesh.facets)
     start()
     check(load_scene(COLUMN), tmp_path / "mesh.png")
     assert (tmp_path / "mesh.png").read_bytes().startswith(b"\x89PNG")
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 @needs_mpirun

@@ -78,11 +78,11 @@ def test_a_place_outside_is_refused(tmp_path):
     [
         ("yv", [(0, 1), (1, 2)], ["x"], "received the column 'y', expected 'x' there"),
         ("xyv", [(0, 0, 1), (1, 1, 2)], ["x", "y"], "of which no cells can be made"),
-        ("xyv", [(0, 0, 1)] * 3, ["x", "y"], "received a point twice"),
+        ("xyv", [(0, 0, 1)] * 3, ["x", "y"], r"received the point \(0, 0\) twice"),
         ("tyv", [(0, 0, 1), (1, 1, 2), (2, 0, 1)], ["t", "y"], "no full grid of t and y"),
         ("xyv", [(0, 0, 1), (1, 0, 2)], ["x", "y"], "received one value of y"),
         ("xv", [(0, 0), (1, 0)], ["x", "y"], "received 2 columns, expected 2 coordinates and"),
-        ("xv", [(1, 0), (0, 0)], ["x"], "strictly increasing positions"),
+        ("xv", [(1, 0), (0, 0)], ["x"], "line 3: received 0 after 1, expected strictly increasing"),
         ("xv", [(1, 0), (2, 0)], ["x", "x"], "with over ="),
     ],
 )

@@ -78,8 +78,12 @@ def _grid(rows):
 
 def _scattered(rows):
     """Return the interpolant of scattered points in space."""
-    if len(np.unique(rows.points, axis=0)) < len(rows.points):
-        raise InputError(f"{rows.where}: received a point twice, expected distinct ones")
+    points, count = np.unique(rows.points, axis=0, return_counts=True)
+    if len(points) < len(rows.points):
+        twice = ", ".join(f"{x:.10g}" for x in points[count > 1][0])
+        raise InputError(
+            f"{rows.where}: received the point ({twice}) twice, expected distinct ones"
+        )
     if "t" in rows.names:
         raise InputError(
             f"{rows.where}: received points that are no full grid of {' and '.join(rows.names)},"

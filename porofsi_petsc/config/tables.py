@@ -83,11 +83,15 @@ def _read_table(path: Path, column: str | None, over: list[str]) -> tuple[np.nda
     found = np.array([_numbers(number, row, (*range(k), index), path) for number, row in rows])
     found = found.reshape(-1, k + 1)
     points, values = found[:, :k], found[:, k]
-    if not len(points) or (k == 1 and (np.diff(points[:, 0]) <= 0).any()):
+    if not len(points):
+        raise InputError(f"table {path}: received no row of numbers, expected one at least")
+    back = np.flatnonzero(np.diff(points[:, 0]) <= 0) if k == 1 else ()
+    if len(back):
         what = "times" if over == ["t"] else "positions"
+        before, after = points[back[0] : back[0] + 2, 0]
         raise InputError(
-            f"table {path}: expected at least one row and strictly increasing {what} in the first"
-            " column"
+            f"table {path}: line {rows[back[0] + 1][0]}: received {after:.10g} after {before:.10g},"
+            f" expected strictly increasing {what} in the first column"
         )
     if not in_range(peak := np.abs(values).max()):
         raise InputError(f"table {path}: the largest value is {peak:g}, expected 0 or {RANGE}")

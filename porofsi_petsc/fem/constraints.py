@@ -64,7 +64,7 @@ def common_nodes(
     """Return the pairs of nodes (n, 2) that have components in common; surface(tag) -> nodes (n,),
     sorted, and their positions (n, d).
 
-    Raises InputError where nodes of a tie have none opposite.
+    Raises InputError where nodes of a tie have none opposite, or themselves.
     """
     if isinstance(entry, Equal):
         nodes = np.unique(np.concatenate([surface(tag)[0] for tag in entry.tags]))
@@ -80,6 +80,13 @@ def common_nodes(
             f"{where} [{entry.name}]: received {len(first)} nodes on '{entry.first}' and"
             f" {len(second)} on '{entry.second}' that do not lie opposite each other, the"
             f" first at {place(node)} m; expected the same nodes, moved by {place(shift)} m"
+        )
+    itself = np.flatnonzero(first == second[at])
+    if len(itself):
+        raise InputError(
+            f"{where} [{entry.name}]: received '{entry.first}' and '{entry.second}' with the node"
+            f" at {place(X[itself[0]])} m on both, which would be tied to itself; expected two"
+            " surfaces apart"
         )
     return np.stack([first, second[at]], axis=1)
 

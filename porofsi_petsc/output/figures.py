@@ -30,7 +30,7 @@ STYLE = {
     "ytick.labelsize": 8,
     "lines.linewidth": 1.2,
     "axes.grid": False,
-    "axes.formatter.limits": (-4, 5),
+    "axes.formatter.limits": (-3, 5),
     "axes.formatter.use_mathtext": True,
     "mathtext.fontset": "stix",
     "font.family": ["DejaVu Sans"],

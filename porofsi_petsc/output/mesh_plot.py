@@ -115,8 +115,8 @@ def _paint(ax, points, polygons, colours):
 def _legend(figure, regions, tags):
     from matplotlib.patches import Patch
 
-    entries = [Patch(facecolor=c, edgecolor="0.4", label=name) for name, c in regions.items()]
-    entries += [Patch(facecolor=c, label=name) for name, c in tags.items()]
+    entries = [Patch(facecolor=c, label=name) for name, c in tags.items()]
+    entries += [Patch(facecolor=c, edgecolor="0.4", label=name) for name, c in regions.items()]
     if len(entries) > LONGEST_LEGEND:
         more = Patch(facecolor="none", label=f"and {len(entries) - LONGEST_LEGEND} more")
         entries = [*entries[:LONGEST_LEGEND], more]
