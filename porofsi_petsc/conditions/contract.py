@@ -119,13 +119,8 @@ def check_condition(condition: type[SurfaceCondition]) -> None:
     """Raise ValueError where a condition breaks its contract in two or three dimensions.
 
     It says behind which materials it may be; its residual has a vector, or of the volume balance a
-<<<<<<< HEAD
     number, for each node of a facet, and fails on no rank without facets; its tangent, local and of
     low rank, is the slope of the residual; it records what its columns name.
-=======
-    number, for each node of a facet, and fails on no rank without facets; its tangent, local and
-    of low rank, is the slope of the residual; it records what its columns name.
->>>>>>> fresh
     """
     for other in condition.beside:
         check_condition(other)

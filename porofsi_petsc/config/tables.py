@@ -80,12 +80,12 @@ def _read_table(path: Path, column: str | None, over: list[str]) -> tuple[np.nda
     _require_columns(rows, header, column, path, k)
     _require_coordinates(header, over, path)
     index = _column(header, column, path, k)
-    found = np.array([_numbers(number, row, (*range(k), index), path) for number, row in rows])
-    found = found.reshape(-1, k + 1)
+    numbers = [_numbers(number, row, (*range(k), index), path) for number, row in rows]
+    found: np.ndarray = np.array(numbers, dtype=float).reshape(-1, k + 1)
     points, values = found[:, :k], found[:, k]
     if not len(points):
         raise InputError(f"table {path}: received no row of numbers, expected one at least")
-    back = np.flatnonzero(np.diff(points[:, 0]) <= 0) if k == 1 else ()
+    back = np.flatnonzero(np.diff(points[:, 0]) <= 0) if k == 1 else np.zeros(0, dtype=np.int64)
     if len(back):
         what = "times" if over == ["t"] else "positions"
         before, after = points[back[0] : back[0] + 2, 0]
