@@ -73,8 +73,8 @@ class InterfaceForces:
         return State(solid.force - others, t, solid.u, given=given, internal=solid.internal)
 
 
-class PorousForces:
-    """Those of porous media: of skeleton and pore fluid together."""
+class _OfPorousMedia:
+    """What is known of surfaces of porous media."""
 
     def __init__(self, coupling: Any, surfaces: Sequence[Sequence[str]]) -> None:
         """Take the coupling, a `Medium` or one with "auto" terms, and the surfaces, each some
@@ -83,6 +83,14 @@ class PorousForces:
         self._coupling = coupling
         self._tags = surfaces
         self._find()
+
+    def _find(self) -> None:
+        """Find the surfaces in the present setup of the phases (collective)."""
+        raise NotImplementedError
+
+
+class PorousForces(_OfPorousMedia):
+    """Those of porous media: of skeleton and pore fluid together."""
 
     def _find(self):
         self._setup = self._coupling.solid.setup
@@ -107,16 +115,8 @@ class PorousForces:
         return comm.allreduce(bool(residual.any()), MPI.LOR)
 
 
-class PorousFlows:
+class PorousFlows(_OfPorousMedia):
     """The volume rates at which pore fluid leaves through surfaces of porous media."""
-
-    def __init__(self, coupling: Any, surfaces: Sequence[Sequence[str]]) -> None:
-        """Take the coupling, a `Medium` or one with "auto" terms, and the surfaces, each some
-        tags.
-        """
-        self._coupling = coupling
-        self._tags = surfaces
-        self._find()
 
     def _find(self):
         self._setup = self._coupling.fluid.setup
