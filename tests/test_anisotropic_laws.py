@@ -10,6 +10,8 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.exact import Terzaghi
 from porofsi_petsc.kernels.solid import volumetric_compliance
 from porofsi_petsc.materials import ELASTIC
+from porofsi_petsc.materials.contract import check_elastic
+from porofsi_petsc.registry import examples
 
 E, NU, E_A, NU_A, G_A = 2.0, 0.3, 5.0, 0.2, 1.4
 LAME = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
@@ -175,3 +177,26 @@ def test_fibres_around_a_tube_are_the_third_direction_of_an_axisymmetric_scene()
     strain = 1.2**2 - 1
     fibres = 4 * 2363.2 * strain * np.exp(0.8393 * strain**2) * 1.2 / 2
     np.testing.assert_allclose(P - matrix, np.diag([0, 0, fibres]), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", ["transversely_isotropic", "holzapfel_gasser_ogden"])
+def test_the_plane_is_a_section_of_space(law):
+    body = ELASTIC[law](*LAME, **examples(ELASTIC[law]))
+    plane = 0.1 * np.random.default_rng(4).standard_normal((5, 2, 2))
+    space = np.zeros((5, 3, 3))
+    space[:, :2, :2] = plane
+    for quantity, cut in (
+        ("energy", ()),
+        ("stress", (slice(2),) * 2),
+        ("tangent", (slice(2),) * 4),
+    ):
+        found, whole = getattr(body, quantity)(plane), getattr(body, quantity)(space)
+        np.testing.assert_allclose(found, whole[(..., *cut)], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("bound, factor", [("oedometer_modulus", 0.9), ("softest_modulus", 1.1)])
+def test_a_law_whose_moduli_are_not_within_its_bounds_is_refused(bound, factor):
+    known = ELASTIC["transversely_isotropic"]
+    wrong = property(lambda self: factor * getattr(known, bound).fget(self))
+    with pytest.raises(ValueError, match=f"the {bound}"):
+        check_elastic(type("Broken", (known,), {bound: wrong}))
