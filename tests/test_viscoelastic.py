@@ -53,6 +53,17 @@ def probed(*changes):
 
 @pytest.mark.parametrize("name", LAW)
 @pytest.mark.parametrize("d", [2, 3])
+def test_the_stress_at_the_end_is_that_of_the_variables_there(name, d):
+    law = replace(LAW[name], prony=(Branch(0.7, 0.3), Branch(0.2, 4.0)))
+    random = np.random.default_rng(3)
+    before, H = 0.05 * random.standard_normal((2, 4, d, d))
+    internal = law.updated(np.zeros((4, law.memory)), 0.2, before)
+    end = law.after(law.updated(internal, 0.1, H), 0.0).stress(H)
+    assert_allclose(law.after(internal, 0.1).stress(H), end, atol=1e-12 * E_C)
+
+
+@pytest.mark.parametrize("name", LAW)
+@pytest.mark.parametrize("d", [2, 3])
 def test_the_tangent_is_the_slope_of_the_stress(name, d):
     law = replace(LAW[name], prony=(Branch(0.7, 0.3), Branch(0.2, 4.0)))
     random = np.random.default_rng(1)
