@@ -81,7 +81,9 @@ class InternalVariables:
         if not self:
             return {}
         rows = self._domain.row_of_cell
-        return {ARRAY: np.where((rows >= 0)[:, None, None], self._values[rows], 0.0)}
+        array = np.zeros((len(rows), *self._values.shape[1:]))
+        array[rows >= 0] = self._values[rows[rows >= 0]]
+        return {ARRAY: array}
 
     def load(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Continue from `state`."""
