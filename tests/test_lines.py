@@ -79,6 +79,7 @@ def test_three_ranks_write_the_same(tmp_path):
         ("line.0.to=[0.125, 0.0]", "expected another"),
         ("line.0.to=[0.125, 0.0, 1.0]", "received 3 coordinates, expected 2"),
         ("line.0.points=1", "line.0.points"),
+        ("line.0.points=1000000000", "expected a number <= 100000"),
         ("line.0.quantities=['vf_z']", "in a two-dimensional scene"),
     ],
 )

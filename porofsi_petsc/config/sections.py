@@ -31,6 +31,7 @@ from .types import (
 
 # a local error below is that of rounding, a few 1e-16 of u and p, which no step makes smaller
 FINEST_ERROR = 1e-12
+LONGEST_LINE = 100_000  # points, each a row of a table
 Quantity = Annotated[Text, OneOf(QUANTITIES, *BUILT_IN)]
 OfSurface = Annotated[Text, OneOf(SURFACES)]
 
@@ -274,7 +275,7 @@ class Line(Table):
     name: Name
     start: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)] = Field(alias="from")
     to: Annotated[tuple[Number, ...], ListOf(shortest=2, longest=3)]
-    points: Annotated[Count, Field(ge=2)]
+    points: Annotated[Count, Field(ge=2, le=LONGEST_LINE)]
     quantities: Annotated[tuple[Quantity, ...], ListOf(shortest=1)]
     every: Count = 1
 
