@@ -324,11 +324,6 @@ def test_markers_of_su2(tmp_path, name):
     refused(path, mesh.dim, "a mesh of 2 zones; write one zone")
 
 
-def test_a_mesh_of_calculix_with_the_suffix_of_gmsh_is_told_so(tmp_path):
-    (tmp_path / "all.msh").write_text("*NODE, NSET=Nall\n1, 0.0, 0.0, 0.0\n")
-    refused(tmp_path / "all.msh", 3, "like a file of Abaqus or CalculiX; name it .inp")
-
-
 def test_polyhedra_are_refused(tmp_path):
     mesh = grid("H8", [SimpleNamespace(points=[0.0, 1.0], cells=[1], ratios=None)] * 3)
     faces = mesh.cells[0][np.array(mesh.element.facets)].tolist()

@@ -90,8 +90,6 @@ def read_gmsh(path: Path) -> Source:
 def _header(data):
     """Return version, whether it is text, bytes of a size, byte order and where the rest begins."""
     at = data.find(b"$MeshFormat")
-    if at < 0 and data.lstrip().startswith(b"*"):  # CalculiX calls its meshes .msh too
-        raise Unusable("it begins like a file of Abaqus or CalculiX; name it .inp")
     if at < 0:
         raise ValueError("it has no $MeshFormat, as files of Gmsh have")
     begin = data.index(b"\n", at) + 1
