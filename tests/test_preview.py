@@ -14,6 +14,7 @@ from mixed import unit_grid
 from running import SCENES, changes, complete, needs_mpirun
 
 from porofsi_petsc import list_scenes, load_scene
+from porofsi_petsc.errors import InputError
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.output.mesh_plot import draw_mesh
 from porofsi_petsc.simulation import check
@@ -168,3 +169,11 @@ def test_the_text_does_not_depend_on_the_number_of_ranks():
     )
     assert one.returncode == two.returncode == 0, two.stderr
     assert re.sub("about .* GB", "", one.stdout) == re.sub("about .* GB", "", two.stdout)
+
+
+def test_the_picture_is_there_before_every_boundary_has_an_entry(tmp_path):
+    """It shows the names that the entries need."""
+    scene = load_scene("terzaghi", ["expect=[]", "surface=[]", "boundary=[]"])
+    with pytest.raises(InputError, match="has no entry"):
+        check(scene, tmp_path / "mesh.png")
+    assert (tmp_path / "mesh.png").stat().st_size > 1000

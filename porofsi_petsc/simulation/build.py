@@ -32,8 +32,10 @@ def _reading(section):
     return Reading(section.array, section.groups, section.scale, section.facets)
 
 
-def serial_mesh(scene: Scene) -> Mesh:
-    """Return the checked serial mesh of a scene; raises InputError (call it on one rank)."""
+def tagged_mesh(scene: Scene) -> Mesh:
+    """Return the serial mesh of a scene with its tags and regions, before what the scene says of
+    them is looked at; raises InputError (call it on one rank).
+    """
     section = scene.mesh
     where = str(scene.source_path or "scene")
     mesh = (
@@ -42,8 +44,13 @@ def serial_mesh(scene: Scene) -> Mesh:
         else _generated(section, where)
     )
     mesh = with_tags(mesh, section.tag, where)
-    if scene.axisymmetric:
-        mesh = around_axis(mesh, where)
+    return around_axis(mesh, where) if scene.axisymmetric else mesh
+
+
+def serial_mesh(scene: Scene) -> Mesh:
+    """Return the checked serial mesh of a scene; raises InputError (call it on one rank)."""
+    where = str(scene.source_path or "scene")
+    mesh = tagged_mesh(scene)
     on_axis = tags_on_axis(mesh, where)
     for i, material in enumerate(scene.material):
         if material.region != ("all",):

@@ -25,7 +25,7 @@ from ..output.profiles import write_profiles
 from ..output.progress import Progress
 from ..output.summary import read_summary, write_summary
 from ..signals import Interrupted, answered_by, interrupt, note, noted
-from .build import serial_mesh
+from .build import tagged_mesh
 from .loop import StopRequest
 from .preview import preview
 from .records import Records
@@ -336,11 +336,12 @@ def check(scene: Scene, figure: Path | None = None) -> str:
     """Return a description of what a scene would solve; raises InputError as a run would
     (collective).
 
-    figure : where a picture of the mesh is written (PNG), None for none
+    figure : where a picture of the mesh is written (PNG), None for none; before the boundary
+    conditions are looked at, whose tags it shows
     """
-    simulation = Simulation(scene)
     if figure is not None:
         on_root(MPI.COMM_WORLD, _draw, scene, figure)
+    simulation = Simulation(scene)
     return preview(scene, simulation.coupling, simulation.measures)
 
 
@@ -349,4 +350,4 @@ def _draw(scene, figure):
         raise InputError(
             f"--figure {figure}: there is no folder '{figure.parent}'; make it, or give another one"
         )
-    save_figure(figure, draw_mesh, serial_mesh(scene))
+    save_figure(figure, draw_mesh, tagged_mesh(scene))
