@@ -110,7 +110,12 @@ def test_a_column_drains_like_an_isotropic_one(tmp_path, factors, angle, factor)
     """Terzaghi's p at the base within 5e-3 of the load, the error of 24 linear elements and of the
     steps (3.6e-3 with k_f alone); K instead of D would change it by 0.09, the width by 1e-4.
     """
-    narrow = "mesh.x.points=[0.0, 1e-3]", "probe.0.at=[5e-4, 10.0]", "probe.1.at=[5e-4, 0.0]"
+    narrow = (
+        "line=[]",
+        "mesh.x.points=[0.0, 1e-3]",
+        "probe.0.at=[5e-4, 10.0]",
+        "probe.1.at=[5e-4, 0.0]",
+    )
     t, p = base_pressure(tmp_path, "mesh.order=1", *narrow, LAW + factors, LAW + angle)
     modulus = 8.375e6 + 2 * 5.583e6
     exact = Terzaghi(1e4, 10.0, modulus, factor * 1e-3 / 1e4 * modulus)

@@ -26,7 +26,7 @@ def calls(monkeypatch):
     received = []
     simulation = types.ModuleType("porofsi_petsc.simulation")
     simulation.run = lambda *arguments: received.append(("run", *arguments))
-    simulation.check = lambda scene: f"checked {scene.name}"
+    simulation.check = lambda scene, figure: f"checked {scene.name}"
     monkeypatch.setitem(sys.modules, "porofsi_petsc.simulation", simulation)
     monkeypatch.setattr(options, "start", lambda *arguments: received.append(("start", *arguments)))
     return received
