@@ -141,11 +141,11 @@ WRONG = {
     ),
     "two forces of one name": (
         ["force=[{name='F', on='top'}, {name='F', on='left'}]"],
-        r"\[force\.1\.name\]: received 'F', the name of another probe, force or surface, expected",
+        r"\[force\.1\.name\]: received 'F', the name of another probe, force or surface",
     ),
     "a force and a probe of one name": (
         ["force=[{name='tip', on='top'}]"],
-        r"\[force\.0\.name\]: received 'tip', the name of another probe, force or surface, expected",
+        r"\[force\.0\.name\]: received 'tip', the name of another probe, force or surface",
     ),
     "flow in the solid": (
         ["probe=[{name='P', at=[0.45, 0.1], quantities=['u_x', 'vf_x']}]"],
