@@ -332,7 +332,7 @@ def test_ranks(tmp_path):
     for other in found[1:]:
         for one, two in zip(found[0], other, strict=True):
             for name in one:
-                if name != "iterations":
+                if name != "coupling_iterations":
                     scale = abs(one[name]).max()
                     # each to coupling.tolerance
                     np.testing.assert_allclose(two[name], one[name], atol=2e-5 * scale)

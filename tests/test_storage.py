@@ -123,17 +123,17 @@ def test_a_sealed_body_keeps_its_fluid():
 
 
 def test_a_restart_is_the_whole_run(tmp_path):
-    changes = (*BIOT, "reference.times=[]", "output.checkpoint_every=1", "mesh.y.cells=[6]")
+    changes = (*BIOT, *BARE, "time.growth=1.0", "output.checkpoint_every=1", "mesh.y.cells=[6]")
     run_here(Job("terzaghi", str(tmp_path / "whole"), (*changes, "time.end=0.02")))
     run_here(Job("terzaghi", str(tmp_path / "half"), (*changes, "time.end=0.01")))
     point = str(tmp_path / "half/checkpoint.h5")
     again = Job("terzaghi", str(tmp_path / "again"), (*changes, "time.end=0.02"), restart=point)
     run_here(again)
     whole, continued = (history(tmp_path / name) for name in ("whole", "again"))
-    n = len(continued["t"])
-    # the step that ended the first half was shortened: same equations, other steps
-    assert continued["base.p"][-1] == pytest.approx(whole["base.p"][-1], rel=2e-3)
-    assert n > 1
+    assert len(continued["t"]) > 1
+    assert whole["base.p"][-1] > 0
+    for name in ("base.p", "top.u_y"):
+        assert continued[name][-1] == whole[name][-1]
 
 
 @needs_mpirun
