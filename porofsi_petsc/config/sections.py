@@ -78,7 +78,8 @@ class Limits(Table):
     the mesh is fixed (beside a free fluid also |u| over its width); reynolds: element Reynolds
     number without convection; inertia: lasting inertial over largest force;
     porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force
-    without the Brinkman term; locking: Poisson ratio of a solid without pores on linear elements.
+    without the Brinkman term; locking: Poisson ratio of a solid without pores on linear elements;
+    stabilization: dissipation of the stabilization of a free fluid over the work of all loads.
     """
 
     strain: Limit = 0.05
@@ -88,6 +89,7 @@ class Limits(Table):
     porosity_change: Limit = 0.1
     viscosity: Limit = 0.1
     locking: Limit = 0.49
+    stabilization: Limit = 0.1
 
 
 # Bound in [limits] of every term of [model]; a term that is "auto" is switched on there.

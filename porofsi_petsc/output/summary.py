@@ -117,6 +117,9 @@ SUMMARY_KEYS = {
     ),
     "energy.balance_error": "external work minus change of all energies minus all dissipations [J]",
     "energy.balance_error_relative": "balance error over the largest external work so far [-]",
+    "energy.stabilization_share": (
+        "dissipation of the stabilization terms over the largest external work so far [-]"
+    ),
     "peak_memory_bytes.max": "largest resident memory of a rank [bytes]",
     "peak_memory_bytes.sum": "resident memory of all ranks at their peaks [bytes]",
     "modelled": "list of the terms that were computed, at the end of the run",

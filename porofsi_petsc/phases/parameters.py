@@ -70,7 +70,7 @@ class StabilizationParameters:
         n = material.fluid_fraction(J)
         rho = n * material.rho_fR
         transient = 2 * rho / dt if setup.inertia else 0.0
-        viscous = 4 * n * material.viscosity / h[:, None] ** 2
+        viscous = stabilization.viscous_scale(n * material.viscosity, h, material.variable_porosity)
         convective = stabilization.convective_scale(N, G, rho, c) if setup.convection else 0.0
         self.tau[chunk] = stabilization.momentum_tau(
             transient, material.drag(J).largest, viscous, convective

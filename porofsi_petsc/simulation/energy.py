@@ -74,9 +74,20 @@ class Energy:
         )
         return self.external_work - (self.kinetic + self.elastic - self.initial) - dissipated
 
+    @property
+    def scale(self) -> float:
+        """Return the energy [J] that others are compared with: the largest work, or what there is
+        or was of energy.
+        """
+        return max(self.largest_work, abs(self.initial), self.kinetic + self.elastic)
+
+    @property
+    def stabilization_share(self) -> float:
+        """Return the dissipation of the stabilization over `scale`."""
+        return self.stabilization_dissipation / self.scale if self.scale else 0.0
+
     def report(self) -> dict[str, float]:
         """Return the entries of the summary."""
-        scale = max(self.largest_work, abs(self.initial), self.kinetic + self.elastic)
         names = [
             "external_work",
             "kinetic",
@@ -88,7 +99,8 @@ class Energy:
         ]
         errors = {
             "balance_error": self.balance_error,
-            "balance_error_relative": abs(self.balance_error) / scale if scale else 0.0,
+            "balance_error_relative": abs(self.balance_error) / self.scale if self.scale else 0.0,
+            "stabilization_share": self.stabilization_share,
         }
         return {name: getattr(self, name) for name in names} | errors
 

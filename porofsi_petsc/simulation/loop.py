@@ -265,7 +265,7 @@ class TimeLoop:
         (collective).
         """
         if self.clock.finished:  # continued at the end
-            self._measures.require_limits(self.clock.t)
+            self._require_limits()
         while not self.clock.finished:
             self.step()
             if stop():
@@ -293,7 +293,27 @@ class TimeLoop:
                 self._coupling.reset()
                 clock.repeat_with(rejected.size)
         self._after_step()
-        self._measures.require_limits(clock.t)
+        self._require_limits()
+
+    def _require_limits(self):
+        """Raise LimitError where what is left out, or at the end what was added, is too large."""
+        t = self.clock.t
+        self._measures.require_limits(t)
+        bound = self._scene.limits.stabilization
+        share = self._energy.stabilization_share
+        if not self._is_stabilized or bound == "report" or share <= bound:
+            return
+        raise LimitError(
+            f"[limits] stabilization: at t = {t:g} s the stabilization of the flow has taken"
+            f" {share:.3g} > {bound:g} of the work of all loads, and pressure or flow are wrong by a"
+            " part of it; refine the mesh where the flow changes, take elements of order 2"
+            ' (mesh.order = 2), or set limits.stabilization to a larger bound or to "report"'
+        )
+
+    @property
+    def _is_stabilized(self):
+        """Return whether a free fluid is at its end, before which a sum over time says little."""
+        return self.clock.finished and not self._scene.is_porous and self._scene.phases[1]
 
     def _cut(self, dt, target, error):
         """Ask the clock for half the step; raise the error of the last attempt where it may not be
