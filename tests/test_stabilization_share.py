@@ -1,4 +1,4 @@
-"""What the stabilization of a free fluid costs on coarse linear elements, and that a run says so."""
+"""What the stabilization of a free fluid costs on coarse linear elements, and that runs say so."""
 
 import numpy as np
 import pytest

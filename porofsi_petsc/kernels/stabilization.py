@@ -6,15 +6,14 @@ import numpy as np
 
 from ..compiled import specialized
 
-
-# Of the viscous scale, as for linear elements in Donea & Huerta (2003), section 6.5.8, h being the leg
-# of a right-angled simplex; the 4 of Tezduyar & Osawa belongs to a longer h.  Measured on the flow
-# that a pressure drives through a square duct of 4, 8 and 16 linear tetrahedra a side: it is 3.1, 0.8
-# and 0.2 % off; with 4 it was 23, 7.1 and 1.9 %, with 24 it is -2.7, -0.9 and -0.3 %.
+# Of the viscous scale: τ = α h²/(4 ν) with the α = 1/3 of linear elements (Donea & Huerta, Finite
+# Element Methods for Flow Problems, 2003, chapter 6), h being the leg of a right-angled simplex.
+# Measured on the flow that a pressure drives through a square duct of 4, 8 and 16 linear tetrahedra
+# a side: it is 3.1, 0.8 and 0.2 % off; with 4 it was 23, 7.1 and 1.9 %, with 24 -2.7, -0.9, -0.3 %.
 VISCOUS_FACTOR = 12.0
-# Where n_f = 1 - n_s0/J differs from element to element by its error, PSPG answers the fluxes of this
-# error with a pressure that grows as 1/τ: with 12 the pressure on linear triangles converged with
-# order 0.3 (tests/test_manufactured_space.py, Brinkman on a moving mesh), with 4 with order 0.9.
+# Where n_f = 1 - n_s0/J differs from element to element by its error, PSPG answers the fluxes of
+# this error with a pressure that grows as 1/τ: with 12 the pressure on linear triangles converged
+# with order 0.3 (tests/test_manufactured_space.py, Brinkman on a moving mesh), with 4 with 0.9.
 VISCOUS_FACTOR_OF_VARIABLE_POROSITY = 4.0
 
 

@@ -305,8 +305,8 @@ class TimeLoop:
             return
         raise LimitError(
             f"[limits] stabilization: at t = {t:g} s the stabilization of the flow has taken"
-            f" {share:.3g} > {bound:g} of the work of all loads, and pressure or flow are wrong by a"
-            " part of it; refine the mesh where the flow changes, take elements of order 2"
+            f" {share:.3g} > {bound:g} of the work of all loads, and pressure or flow are wrong by"
+            " a part of it; refine the mesh where the flow changes, take elements of order 2"
             ' (mesh.order = 2), or set limits.stabilization to a larger bound or to "report"'
         )
 
