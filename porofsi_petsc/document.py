@@ -94,6 +94,8 @@ def _words_of(key: str, entry: Parameter) -> str:
 
 
 def _range(entry: Parameter) -> Iterator[str]:
+    if entry.words:
+        yield f"one of {', '.join(entry.words)}"
     if entry.above is not None:
         yield f"above {entry.above:g}"
     if entry.at_least is not None:

@@ -21,7 +21,8 @@ INVARIANTS = (
     "principal_2",
     "principal_3",
 )
-OF_STRESS = (*TENSORS["stress"], *TENSORS["total"], *TENSORS["strain"], *INVARIANTS)
+PLASTIC_STRAIN = "plastic_strain"  # the accumulated one of a plastic law, field and quantity
+OF_STRESS = (*TENSORS["stress"], *TENSORS["total"], *TENSORS["strain"], *INVARIANTS, PLASTIC_STRAIN)
 # u, v and vf have a component for each axis
 BUILT_IN = (
     *(f"{name}_{axis}" for name in ("u", "v", "vf") for axis in "xyz"),

@@ -12,12 +12,13 @@ class Parameter(NamedTuple):
     """What a scene gives to a law or a condition: its unit, what it is, its range, its value in
     tests.
 
-    kind : "number", "numbers" (up to three in a list, each in the range; for laws alone),
-    "formula" of time and position, or "vector" of formulas; above : exclusive;
+    kind : "number", "numbers" (up to three in a list, each in the range; for laws alone), "word"
+    (one of `words`; for laws alone), "formula" of time and position, or "vector" of formulas; above
+    : exclusive;
     default : None where the scene has to give it, {} of a vector that may be left out
     """
 
-    kind: Literal["number", "numbers", "formula", "vector"]
+    kind: Literal["number", "numbers", "word", "formula", "vector"]
     unit: str
     meaning: str
     above: float | None
@@ -25,6 +26,7 @@ class Parameter(NamedTuple):
     at_most: float | None
     default: Any
     example: Any
+    words: tuple[str, ...] = ()
 
 
 def parameter(
@@ -32,17 +34,18 @@ def parameter(
     meaning: str,
     *,
     example: Any,
-    kind: Literal["number", "numbers", "formula", "vector"] = "number",
+    kind: Literal["number", "numbers", "word", "formula", "vector"] = "number",
     above: float | None = None,
     at_least: float | None = None,
     at_most: float | None = None,
     default: Any = None,
+    words: tuple[str, ...] = (),
 ) -> Any:
     """Return the field of a dataclass that a scene gives under the same name; see `Parameter`.
 
     example : an admissible value, with which the tests of all that is registered run.
     """
-    found = Parameter(kind, unit, meaning, above, at_least, at_most, default, example)
+    found = Parameter(kind, unit, meaning, above, at_least, at_most, default, example, words)
     given: dict[str, Any] = {} if default is None else _default(default)
     return dataclasses.field(kw_only=True, metadata={"parameter": found}, **given)
 

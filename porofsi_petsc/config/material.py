@@ -78,6 +78,8 @@ def _of_law(table, name, law):
 
 def _key(entry: Parameter) -> tuple:
     """Return type and default of a parameter."""
+    if entry.kind == "word":
+        return Literal[entry.words], ... if entry.default is None else entry.default
     kind: Any = Annotated[Number, Field(gt=entry.above, ge=entry.at_least, le=entry.at_most)]
     if entry.kind == "numbers":
         kind = Annotated[tuple[kind, ...], ListOf(0, 3)]

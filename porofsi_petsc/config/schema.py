@@ -10,7 +10,7 @@ from ..conditions import CONDITIONS
 from ..errors import digits, listed, shown
 from ..materials import ELASTIC, PERMEABILITY
 from ..materials.fibres import mirrored
-from ..quantities import OF_STRESS, SURFACES
+from ..quantities import OF_STRESS, PLASTIC_STRAIN, SURFACES
 from .conditions import (
     BodyForce,
     BodyForces,
@@ -162,6 +162,11 @@ class Scene(Table):
         without pores.
         """
         return all(material.kind == "porous" for material in self.material)
+
+    @property
+    def is_plastic(self) -> bool:
+        """Return whether a solid or skeleton is plastic."""
+        return any(m.elastic_law().plastic for m in self.material if m.solid)
 
     @property
     def full_newton(self) -> bool:
@@ -586,6 +591,8 @@ class Scene(Table):
             raise wrong(
                 f"received '{quantity}' without a solid, expected p or a component of vf", key
             )
+        if quantity == PLASTIC_STRAIN and not self.is_plastic:
+            raise wrong(f"received '{quantity}' without a plastic law, expected another", key)
         if name == "total" and not self.is_porous:
             raise wrong(
                 f"received '{quantity}' without pores everywhere, expected 'stress_{axis}'", key
@@ -652,10 +659,11 @@ class Scene(Table):
                 "reference.solution",
             )
         material = self.material[0]
-        if material.solid.prony:
+        if material.solid.prony or self.is_plastic:
+            received = "material.solid.prony" if material.solid.prony else "a plastic law"
             raise wrong(
-                f"received '{self.reference.solution}' with material.solid.prony, expected an"
-                " elastic soil; leave one of the two out",
+                f"received '{self.reference.solution}' with {received}, expected an elastic soil;"
+                " leave one of the two out",
                 "reference.solution",
             )
         stores = material.biot_coefficient != 1.0 or material.fluid.bulk_modulus

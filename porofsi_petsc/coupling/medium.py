@@ -113,6 +113,8 @@ class Medium:
                 return
             if iteration < self._cap:
                 self._swept += 1
+                if self.solid.is_plastic and not iteration:
+                    solid_residual = self.solid.elastic_residual(self.flow(fluid_residuals))
                 self._iterate(iteration, solid_residual, fluid_residuals, rates)
         self.reset()
         raise self.convergence.failure(t, step, self.advice)

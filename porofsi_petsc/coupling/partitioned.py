@@ -51,7 +51,8 @@ class PartitionedMedium(Medium):
     @property
     def remedies(self) -> tuple[str, ...]:
         """Return what a step that failed is tried with, in turn."""
-        return ("accelerator",) if self._linear or self._travel else ("accelerator", "tangents")
+        lagged = not (self._linear or self._travel or self.solid.is_plastic)
+        return ("accelerator", "tangents") if lagged else ("accelerator",)
 
     @contextmanager
     def remedied(self, remedy: str) -> Iterator[None]:
@@ -93,7 +94,8 @@ class PartitionedMedium(Medium):
         """Renew both tangents at the trial state: by full Newton where it has moved, else where
         lagged ones are slow or far away.
 
-        Return whether lagged ones were renewed, which makes the sweep another map.
+        Return whether lagged ones were renewed, which makes the sweep another map.  A plastic solid
+        has a new tangent in every sweep, by which none is another map.
         """
         if self._travel:
             stale = self._travel.are_stale(rates, self.convergence.contraction)
@@ -103,8 +105,9 @@ class PartitionedMedium(Medium):
             )
         if stale:
             self.fluid.renew_tangent(rates, self.mesh_state())
-            self.solid.renew_tangent(rates)
             self._renewed_at = iteration
+        if stale or self.solid.is_plastic:
+            self.solid.renew_tangent(rates)
         return stale and not self._travel
 
     def _slow(self, iteration: int) -> bool:

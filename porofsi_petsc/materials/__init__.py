@@ -4,6 +4,7 @@
 
 from ..registry import Registry, parameter
 from .contract import check_elastic
+from .drucker_prager import DruckerPrager
 from .elastic import ElasticLaw
 from .from_energy import FromEnergy
 from .holmes_mow import HolmesMow
@@ -29,6 +30,7 @@ ELASTIC = Registry(
         "holmes_mow": HolmesMow,
         "transversely_isotropic": TransverselyIsotropic,
         "holzapfel_gasser_ogden": HolzapfelGasserOgden,
+        "drucker_prager": DruckerPrager,
         "xie_leo": XieLeo,
         "ehlers_eipper": EhlersEipper,
     },

@@ -6,6 +6,8 @@ strain (F_33 = 1).  With H instead of F a strain of 1e-9 keeps its digits.  Stre
 positive.  Units: Pa for energy density, stress and tangent.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +34,10 @@ class ElasticLaw:
     n_s0: float = 0.0
     prony: tuple[Branch, ...] = ()
 
-    small_strain = False  # true: the stress is linear in F and the tangent constant
+    # true: the stress is one of sym F alone, and of a law that is not plastic linear in it
+    small_strain = False
+    # true: beyond a limit the stress flows; its tangent is that of a step and may be singular
+    plastic = False
     # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
     compacts = False
     anisotropic = False  # true: at small strain it is not that of λ and μ alone
@@ -55,6 +60,16 @@ class ElasticLaw:
         return self.oedometer_modulus
 
     @property
+    def symmetric(self) -> bool:
+        """Return whether the tangents are symmetric, dP_iJ/dF_kL = dP_kL/dF_iJ."""
+        return True
+
+    @property
+    def unyielding(self) -> ElasticLaw:
+        """Return the law without a limit, with the same internal variables; of a plastic one."""
+        return self
+
+    @property
     def memory(self) -> int:
         """Return the number of internal variables of a point, 0 of a law of the present strain
         alone.
@@ -72,6 +87,12 @@ class ElasticLaw:
         others and ends with H, (..., d, d); of a law with memory.
         """
         return relaxed(self, internal, duration, three_dimensional(H))
+
+    def plastic_strain(self, internal: np.ndarray) -> np.ndarray:
+        """Return the accumulated plastic strain [-] of internal variables (..., memory), (...); of
+        a plastic law.
+        """
+        raise NotImplementedError(f"{type(self).__name__} is not plastic")
 
     lowest_ratio = 0.0  # J in confined compression below which the law softens, or has no stress
 

@@ -22,6 +22,7 @@ KINDS = {  # of panels: what it is, SI unit, that per metre of thickness
     "porosity": ("porosity", "", ""),
     "stress": ("stress", "Pa", "Pa"),
     "strain": ("strain", "", ""),
+    "plastic strain": ("plastic strain", "", ""),
     "force": ("force", "N", "N/m"),
     "flow rate": ("flow rate", "m³/s", "m²/s"),
     "volume": ("volume", "m³", "m²"),
@@ -35,6 +36,7 @@ SCALARS = {
     "n_f": ("porosity", "n_f"),
     "pressure": ("pressure", r"\bar{p}"),  # the mean over a surface
     "mean_effective_stress": ("stress", "p'"),
+    "plastic_strain": ("plastic strain", r"\bar{\varepsilon}"),
     "von_mises": ("stress", "q"),
     "flow_rate": ("flow rate", "Q"),
     "volume": ("volume", "V"),

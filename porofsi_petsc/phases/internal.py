@@ -44,10 +44,14 @@ class InternalVariables:
 
         The variables there are the linear ones next to those of the points.
         """
-        if not law.memory:
-            return law
+        return law.after(self.at(law, rows, N), 0.0) if law.memory else law
+
+    def at(self, law: ElasticLaw, rows: Any, N: np.ndarray | None = None) -> np.ndarray:
+        """Return the variables of a law with memory in some elements at their nodes, or at points
+        with the shape functions N (P, A): (E, P, memory).
+        """
         to_points = self._to_nodes if N is None else N @ self._to_nodes
-        return law.after(to_points @ self._values[rows][..., : law.memory], 0.0)
+        return to_points @ self._values[rows][..., : law.memory]
 
     @cached_property
     def _to_nodes(self):

@@ -50,6 +50,17 @@ class PhaseSetup:
         """Return whether a load follows a surface, so that the tangent need not be symmetric."""
         return any(place.condition.follows for place in self.surfaces)
 
+    @property
+    def laws(self) -> dict[str, ElasticLaw]:
+        """Return region -> elastic law of those that have one."""
+        laws = {region: material.elastic for region, material in self.materials.items()}
+        return {region: law for region, law in laws.items() if law is not None}
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Return whether the tangent of a displacement is symmetric."""
+        return not self.has_followers and all(law.symmetric for law in self.laws.values())
+
     def new_matrix(self, prefix: str, mask: np.ndarray) -> ElementMatrix:
         """Return the empty matrix of a nodal field with m components, prescribed where mask
         (n_local, m) is true.
@@ -70,11 +81,11 @@ class PhaseSetup:
     def displacement_solver(
         self, matrix: BlockMatrix, prefix: str, counted: bool = False
     ) -> LinearSolver:
-        """Return the KSP of a matrix of displacements, symmetric without `has_followers`; counted :
-        of `solid_defaults` (collective).
+        """Return the KSP of a matrix of displacements, symmetric by `is_symmetric`; counted : of
+        `solid_defaults` (collective).
         """
         mesh = self.domain.mesh
-        symmetric = not self.has_followers
+        symmetric = self.is_symmetric
         if symmetric:
             matrix.declare_symmetric()
         modes = rigid_body_modes(mesh.X[self.domain.nodes], mesh.comm)
@@ -144,8 +155,11 @@ class ElasticSolidSetup(SolidSetup):
 
     @property
     def is_static(self) -> bool:
-        """Return whether the tangent of the elastic forces alone decides the stability."""
-        return not (self.inertia or self.immersed)
+        """Return whether the tangent of the elastic forces alone decides the stability; that of a
+        plastic flow is singular at the collapse load, where its pivots have the sign of round-off.
+        """
+        flows = any(law.plastic for law in self.laws.values())
+        return not (self.inertia or self.immersed or flows)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,6 +21,7 @@ from .block import LinearBlock
 from .coupling_data import Flow, MeshState, Rates
 from .internal import InternalVariables
 from .kept_force import KeptForce
+from .line_search import shorten
 from .loads import body_acceleration
 from .residual import Residual
 from .setup import SolidSetup
@@ -36,6 +37,9 @@ TURN = 4
 STRAINED = 0.5
 # λ/μ above which lagged tangents are of no use at large strain: 2ν/(1 - 2ν) at ν = 0.48.
 NEARLY_INCOMPRESSIBLE = 24
+# Size of the displacement gradient beyond which a plastic law for small strain has lost its way:
+# the round-off of displacements without end would pass for equilibrium.
+ASTRAY = 10
 
 
 class SolidPhase:
@@ -73,6 +77,7 @@ class SolidPhase:
         self._before = self.u  # displacement of the iterate before, (n_local, d)
         self._with_hessian = with_hessian
         self._reference = Configuration.reference(self.domain, with_hessian)
+        self._elastic = False  # whether no law is plastic until the trial state changes
         self._t_end = self._t_alpha = 0.0  # of the trial step and its collocation level [s]
         self.surfaces = SurfaceTerms(self.mesh.n_owned, self.mesh.dim, setup.surfaces)
         self.kept = KeptForce(self.mesh.n_owned, self.mesh.dim)
@@ -84,9 +89,15 @@ class SolidPhase:
         """Return whether the tangent depends on nothing but the rates."""
         return (
             all(law.small_strain for law in self._laws.values())
+            and not self.is_plastic
             and not self.setup.moving_mesh
             and not self.setup.has_followers
         )
+
+    @property
+    def is_plastic(self) -> bool:
+        """Return whether a law is plastic: none of its tangents is of use for a next iteration."""
+        return any(law.plastic for law in self._laws.values())
 
     @property
     def is_stiff_in_volume(self) -> bool:
@@ -105,8 +116,7 @@ class SolidPhase:
     @property
     def _laws(self) -> dict[str, ElasticLaw]:
         """Return region -> elastic law."""
-        laws = {region: m.elastic for region, m in self.setup.materials.items()}
-        return {region: law for region, law in laws.items() if law is not None}
+        return self.setup.laws
 
     def set_initial(self, displacement: np.ndarray, velocity: np.ndarray) -> None:
         """Set displacement and velocity at the start, both (n_local, d); what is prescribed comes
@@ -146,6 +156,7 @@ class SolidPhase:
     def _update_rates(self):
         self._v1, self._a1 = self.scheme.rates(self._u1, self.u, self.v, self.a)
         self._configuration = self._own = None
+        self._elastic = False
 
     @property
     def _u_alpha(self):
@@ -201,6 +212,14 @@ class SolidPhase:
     def _compacted(self, place):
         return self._overloaded("the pores of the {} are closed, J <= n_s0", place)
 
+    def _collapsed(self, place):
+        return ConvergenceError(
+            f"the plastic flow of the {self.noun} has no end at t = {self._t_end:g} s, element at"
+            f" {place}",
+            "if smaller steps end at the same load, this is the collapse load: load it less, or"
+            " prescribe displacements",
+        )
+
     def _overloaded(self, what, place):
         """Return the error of an element that is deformed too far; what : with a place for the name
         of the phase (collective).
@@ -234,6 +253,17 @@ class SolidPhase:
         terms |= {"body": self._body, "traction": self.surfaces.residual(state)}
         self._residual = Residual(self.mesh.comm, terms, self.setup.dirichlet.free)
         return self._residual
+
+    def elastic_residual(self, flow: Flow) -> Residual:
+        """Return the residual of a trial state that is reached without plastic flow, from which the
+        first iteration of a step sets out; tangents are the elastic ones until that state changes.
+
+        A boundary that is moved strains the elements there alone, far beyond the yield stress, and
+        with what is left of their stress and stiffness Newton's method leads anywhere.
+        """
+        self._own = None
+        self._elastic = True
+        return self.residual(flow)
 
     @property
     def force(self) -> np.ndarray:
@@ -305,6 +335,8 @@ class SolidPhase:
         """Return the law of some elements on the collocation level."""
         if not self.internal:
             return law
+        if law.plastic and self._elastic:
+            law = law.unyielding
         duration = self.scheme.alpha_f * self.scheme.duration
         return self.internal.law(law, chunk, duration)
 
@@ -363,19 +395,25 @@ class SolidPhase:
         return values
 
     def require_orientation(self) -> None:
-        """Raise ConvergenceError where an element is inverted at the end of the trial step under a
-        law for large strain.
+        """Raise ConvergenceError where at the end of the trial step an element is inverted under a
+        law for large strain, or a plastic flow has no end.
         """
         domain = self.domain
         oriented = np.ones((self.domain.n_cells, 1), dtype=bool)
+        bounded = oriented.copy()
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            if not self._laws[region].small_strain:
+            law = self._laws[region]
+            if law.plastic or not law.small_strain:
                 stiffness = domain.reference_stiffness.part(chunk)
                 H = kernel.displacement_gradient(
                     stiffness.G, self._u1[domain.cells[chunk]], stiffness.hoop
                 )
-                oriented[chunk, 0] = (det_minus_one(H) > -1).all(axis=1)
+                if law.plastic:
+                    bounded[chunk, 0] = np.abs(H).max(axis=(1, 2, 3), initial=0.0) < ASTRAY
+                else:
+                    oriented[chunk, 0] = (det_minus_one(H) > -1).all(axis=1)
         domain.require(oriented, self._inverted)
+        domain.require(bounded, self._collapsed)
 
     def require_stable(self) -> None:
         """Raise ConvergenceError where the last tangent is known to be indefinite and nothing else
@@ -412,9 +450,31 @@ class SolidPhase:
 
     def correct(self, residual: np.ndarray) -> None:
         """Solve H δ = -residual, (n_owned, d) [N], and add δ to the trial state: one Newton step of
-        the block.
+        the block, a part of it where a plastic flow overshoots.
         """
-        self.add(self.solve(-residual))
+        """Solve H δ = -residual, (n_owned, d) [N], and add δ to the trial state: one Newton step of
+        the block; of a plastic flow the part of it that a line search leaves.
+        """
+        searched = self.is_plastic and not self._elastic
+        own = self._own_force if searched else 0.0
+        increment = self.solve(-residual)
+        self.add(increment)
+        if searched:
+            shorten(
+                self._work(increment, residual),
+                lambda: self._work(increment, residual - own + self._own_force),
+                lambda part: self.add(part * increment),
+            )
+
+    @property
+    def _own_force(self):
+        """Return the sum of the terms of the solid alone in the trial state, (n_owned, d) [N]."""
+        return sum(self._own_terms().values())
+
+    def _work(self, increment, residual):
+        """Return δ·R [J] (collective)."""
+        free = self.setup.dirichlet.free(residual)
+        return self.mesh.comm.allreduce(float(np.vdot(increment, free)))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Return δ with H δ = rhs, both (n_owned, d): [N] to [m] on the collocation level."""

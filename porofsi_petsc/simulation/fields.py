@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ..config import Scene
+from ..quantities import PLASTIC_STRAIN
 from .auto import AnyMedium
 from .measures import Measures
 
@@ -15,6 +16,7 @@ UNITS = {
     "fluid velocity": "m/s",
     "stress": "Pa",
     "porosity": "1",
+    PLASTIC_STRAIN: "1",
 }
 
 
@@ -36,6 +38,7 @@ class Fields(Mapping):
         absent = set() if solids else {"displacement", "solid velocity", "stress"}
         absent |= set() if fluids else {"pressure", "fluid velocity"}
         absent |= set() if scene.is_porous else {"porosity"}
+        absent |= set() if scene.is_plastic else {PLASTIC_STRAIN}
         self._names = [name for name in UNITS if name not in absent]
 
     def __iter__(self) -> Iterator[str]:
@@ -51,6 +54,8 @@ class Fields(Mapping):
         n = self._coupling.solid.mesh.n_owned
         if name == "stress":
             return self._measures.stress(coupling.solid.u)
+        if name == PLASTIC_STRAIN:
+            return self._measures.plastic_strain()
         if name == "porosity":
             return self._measures.porosity(coupling.accepted_mesh_state())
         nodal = {

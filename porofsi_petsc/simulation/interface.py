@@ -161,6 +161,8 @@ class InterfaceBuilder(Builder):
         unknowns = self.mesh.dim * self.mesh.comm.allreduce(held)
         if self._pores:
             return "beside a porous solid, expected one without pores"
+        if any(law.plastic for m in self._solids.values() if (law := m.elastic)):
+            return "with a plastic solid, expected an elastic one"
         if self._constraints:
             return f"beside [{self._constraints[0].name}], expected single components of it"
         if not (is_direct(self.mesh) and are_factored("solid_", "fluid_")):

@@ -169,6 +169,19 @@ class Measures:
         """
         return self._averaged(u, _strain)
 
+    def plastic_strain(self) -> np.ndarray:
+        """Return the accumulated plastic strain of the accepted state at the nodes, (n_owned, 1)
+        [-]: linear between the points of an element, nowhere negative, averaged over elements.
+        """
+        domain = self._solid
+        values = np.zeros((*domain.cells.shape, 1))
+        for region, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
+            law = self._materials[region].elastic
+            if law is not None and law.plastic:
+                at_nodes = self._coupling.solid.internal.at(law, chunk)
+                values[chunk, :, 0] = np.maximum(law.plastic_strain(at_nodes), 0.0)
+        return self._in_solid(values)
+
     def _averaged(self, u, tensor):
         """Return the averages, (n_owned, 6), of tensor(law, H) -> (..., 3, 3) at nodes."""
         domain = self._solid

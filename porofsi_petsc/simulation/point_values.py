@@ -9,7 +9,7 @@ from ..config import Scene
 from ..errors import InputError, digits
 from ..fem.domain import Domain
 from ..output.probes import Probes
-from ..quantities import OF_STRESS, QUANTITIES, TENSORS
+from ..quantities import OF_STRESS, PLASTIC_STRAIN, QUANTITIES, TENSORS
 from .auto import AnyMedium
 from .fields import Fields
 from .measures import Measures
@@ -91,9 +91,13 @@ class PointValues:
         """Return the stresses and strains at all points, name -> (n,): those of the averages
         at nodes.
         """
-        asked = self._asked & set(OF_STRESS)
+        found = {}
+        if PLASTIC_STRAIN in self._asked:
+            nodal = self._mesh.halo.extend(self._measures.plastic_strain())
+            found[PLASTIC_STRAIN] = self._in_solid.evaluate(nodal)[:, 0]
+        asked = self._asked & set(OF_STRESS) - {PLASTIC_STRAIN}
         if not asked:
-            return {}
+            return found
         u = self._coupling.solid.u
         zero = np.zeros((self._mesh.n_owned, 6))
         of_strain = asked & set(TENSORS["strain"])
@@ -104,7 +108,7 @@ class PointValues:
         borne = self._coupling.fluid.borne_pressure
         fields = np.column_stack([self._mesh.halo.extend(np.hstack(nodal)), borne])
         at = self._in_solid.evaluate(fields)
-        return stress_values(asked, at[:, :6], at[:, 6:12], at[:, 12])
+        return found | stress_values(asked, at[:, :6], at[:, 6:12], at[:, 12])
 
     def _fields(self):
         """Return the values of every field that is asked for, name -> (n, k)."""
