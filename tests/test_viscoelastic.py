@@ -28,9 +28,7 @@ QUASI_STATIC = (
     "limits.inertia=report",
 )
 STRESS = "probe.0.quantities=['u_y', 'stress_yy', 'stress_xx']"
-LAW = {
-    name: law(6.0, MU, 0.4, **examples(law)) for name, law in ELASTIC.items() if not law.plastic
-}
+LAW = {name: law(6.0, MU, 0.4, **examples(law)) for name, law in ELASTIC.items() if not law.plastic}
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -88,7 +88,8 @@ class PartitionedMedium(Medium):
             self._travel.begin_step()
         else:
             self.fluid.prepare_tangent(rates, self.iterations, accepted)
-            self.solid.prepare_tangent(rates, self.iterations)
+            if not self.solid.is_plastic:
+                self.solid.prepare_tangent(rates, self.iterations)
 
     def _renew_tangents(self, iteration: int, rates: Rates) -> bool:
         """Renew both tangents at the trial state: by full Newton where it has moved, else where

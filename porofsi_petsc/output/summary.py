@@ -113,7 +113,7 @@ SUMMARY_KEYS = {
     ),
     "energy.time_scheme_dissipation": (
         "dissipation of the time integration since the start, and what the branches of viscoelastic"
-        " solids store and dissipate [J]"
+        " solids store and dissipate, and plastic flow [J]"
     ),
     "energy.balance_error": "external work minus change of all energies minus all dissipations [J]",
     "energy.balance_error_relative": "balance error over the largest external work so far [-]",

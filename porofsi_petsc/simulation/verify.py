@@ -145,6 +145,7 @@ CASES = {
     "layered_column": SceneCase("layered_column", quick=True),
     "rubber_sheet": SceneCase("rubber_sheet", quick=True),
     "artery_biaxial": SceneCase("artery_biaxial", quick=True),
+    "footing_collapse": SceneCase("footing_collapse", quick=True),
     "strip_footing": SceneCase("strip_footing"),
     "cryer": SceneCase("cryer"),
     "cryer_axisymmetric": SceneCase("cryer_axisymmetric", quick=True),
