@@ -309,6 +309,15 @@ def test_bad_parameters_are_refused(change, sentence):
         load_scene(SAMPLE, (change,))
 
 
+def test_linear_elements_are_refused():
+    """They lock: the collapse load is far too large."""
+    linear = (*FOOTING, "mesh.order=1", "time.end=0.2")
+    with pytest.raises(InputError, match=r"material.0.solid.law.*which lock in a plastic flow"):
+        Simulation(load_scene("footing_collapse", linear))
+    reported = history("footing_collapse", *linear, "limits.locking=report", "time.end=1.0")
+    assert reported["footing.f_y"][-1] > 1.15 * C * (2 + np.pi)
+
+
 def test_what_needs_a_plastic_law_is_refused_without_one():
     with pytest.raises(InputError, match="probe.0.quantities.*without a plastic law"):
         load_scene(str(SCENES / "bar.toml"), ("probe.0.quantities=['plastic_strain']",))

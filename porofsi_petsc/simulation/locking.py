@@ -1,5 +1,5 @@
-"""Elements that cannot keep their volume and bend: linear ones of a nearly incompressible solid,
-which lock.
+"""Elements that cannot keep their volume and bend: linear ones of a nearly incompressible solid, and
+of one that flows, which lock.
 """
 
 from pathlib import Path
@@ -12,12 +12,19 @@ from ..mesh.mesh import Mesh
 
 def require_no_locking(scene: Scene, mesh: Mesh, where: str | Path) -> None:
     """Raise InputError where a solid without pores has linear elements and a larger Poisson ratio
-    than [limits] locking.
+    than [limits] locking, and where a plastic one, with or without pores, has linear elements.
     """
     bound = scene.limits.locking
     if mesh.element.order > 1 or bound == "report":
         return
     for i, material in enumerate(scene.material):
+        if material.solid and material.elastic_law().plastic:
+            raise InputError(
+                f"{where} [material.{i}.solid.law]: received '{material.solid.law}' on linear"
+                " elements, which lock in a plastic flow: loads come out too large; take quadratic"
+                " elements (mesh.order = 2, a mesh file of second order), or set limits.locking to"
+                ' "report"'
+            )
         solid = material.solid if material.kind == "solid" else None
         if solid and (nu := poisson(solid)) > bound:
             raise InputError(
