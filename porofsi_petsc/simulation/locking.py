@@ -1,5 +1,5 @@
-"""Elements that cannot keep their volume and bend: linear ones of a nearly incompressible solid, and
-of one that flows, which lock.
+"""Elements that cannot keep their volume and bend: linear ones of a nearly incompressible solid,
+and of one that flows, which lock.
 """
 
 from pathlib import Path
