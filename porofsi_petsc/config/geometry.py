@@ -189,6 +189,7 @@ class Meshed(Table):
     """What all meshes share."""
 
     tag: Annotated[tuple[TagOf, ...], ListOf()] = ()
+    keep: Annotated[tuple[Tag, ...], ListOf(), AfterValidator(distinct)] = ()
 
     @model_validator(mode="after")
     def _tags_fit(self):

@@ -25,6 +25,7 @@ from .conditions import (
 )
 from .geometry import MeshSection
 from .material import Material, check_materials
+from .precice import Precice
 from .reference import FLOWS, Reference
 from .sections import (
     LIMIT_OF,
@@ -87,6 +88,7 @@ class Scene(Table):
     surface: Annotated[tuple[Surface, ...], ListOf()] = ()
     interface: Annotated[tuple[Interface, ...], ListOf()] = ()
     tie: Annotated[tuple[Tie, ...], ListOf()] = ()
+    precice: Precice | None = None
     output: Output = Output()
     figures: Figures = Figures()
     reference: Reference | None = None
@@ -237,6 +239,7 @@ class Scene(Table):
         self._check_kinds()
         self._check_anisotropy()
         self._check_interfaces()
+        self._check_precice()
         self._check_auto()
         self._check_time_scheme()
         self._check_mass_scaling()
@@ -359,6 +362,31 @@ class Scene(Table):
                         )
                         raise wrong(text, f"interface.{i}.{side}")
                     taken[tag] = f"interface.{i}.{side}"
+
+    def _check_precice(self):
+        """Refuse a participant that is not one phase with one Cartesian interface, whose steps are
+        not time windows, or whose mesh does not follow.
+        """
+        if not self.precice:
+            return
+        if len({material.kind for material in self.material} | {"porous"}) != 2:
+            text = "expected solids without pores alone, or a free fluid alone"
+            raise wrong(f"received one with other materials, {text}", "precice")
+        time = self.time
+        for key, value, wanted in (
+            ("time.scheme", time.scheme, "generalized_alpha"),
+            ("time.growth", time.growth, 1.0),
+            ("time.consistent_start", time.consistent_start, False),
+            ("time.error_tolerance", time.error_tolerance, None),
+            ("coupling.scheme", self.coupling.scheme, "partitioned"),
+            ("mesh.axisymmetric", self.axisymmetric, False),
+        ):
+            if value != wanted:
+                text = f"received {shown(value)} with [precice]"
+                raise wrong(f"{text}, expected {shown(wanted)}; leave it out", key)
+        if self.phases[1] and not self.model.moving_mesh:
+            text = "received false with [precice], whose interface moves, expected true"
+            raise wrong(text, "model.moving_mesh")
 
     def _check_moving_mesh(self):
         """Refuse a mesh at rest where fluid and solid see each other: the velocity of the solid

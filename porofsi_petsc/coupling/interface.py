@@ -35,8 +35,9 @@ class InterfaceMedium(Medium):
     two have none in common.
 
     What the fluid sees of the solid: its trial displacement (strong: the converged step is that of
-    the monolithic system), its predicted one (weak: staggered, the force comes once) or nothing
-    (one-way).  Each step ends when all residuals are small.
+    the monolithic system), its predicted one (weak: staggered, the force comes once), one that is
+    given for the whole step (by another program) or nothing (one-way).  Each step ends when all
+    residuals are small.
     """
 
     solid: InterfaceSolid
@@ -47,15 +48,16 @@ class InterfaceMedium(Medium):
         *medium: Any,
         motion: Motion,
         transfer: InterfaceTransfer,
-        sees: Literal["trial", "predicted", "nothing"] = "trial",
+        sees: Literal["trial", "given", "predicted", "nothing"] = "trial",
         pressure: InterfacePressure | None = None,
         **scheme: Any,
     ) -> None:
         """Take what the scheme takes; the `phases.MeshMotion`, the
         `fem.transfer.InterfaceTransfer`, and what the fluid sees.
 
-        sees : "trial", "predicted" or "nothing"; pressure : `fem.boundary.InterfacePressure`, by
-        which the pressure follows a solid that the fluid does not see
+        sees : "trial", "given", "predicted" or "nothing"; pressure :
+        `fem.boundary.InterfacePressure`, by which the pressure follows a solid that the fluid does
+        not see
         """
         self.motion = motion
         self._transfer = transfer
@@ -135,7 +137,7 @@ class InterfaceMedium(Medium):
 
     def accept(self) -> None:
         """Make the trial states the accepted ones, the mesh where the solid is."""
-        if self._sees != "trial":
+        if self._sees in ("predicted", "nothing"):
             self.motion.follow(self.solid.end_displacement)
         self.motion.accept()
         super().accept()

@@ -323,7 +323,9 @@ class SecondDerivatives:
     @property
     def _section_slope(self) -> np.ndarray:
         E, Q, _, d = self.G.shape
-        bend = np.swapaxes(self.bend.reshape(E, -1, d, d, d), 2, 3).reshape(E, -1, d * d, d)
+        points = self.bend.shape[1]
+        bend = np.swapaxes(self.bend.reshape(E, points, d, d, d), 2, 3)
+        bend = bend.reshape(E, points, d * d, d)
         inverse = self._inverse_jacobian.reshape(E, Q, d * d)
         return inverse @ bend[:, 0] if bend.shape[1] == 1 else (inverse[:, :, None] @ bend)[:, :, 0]
 

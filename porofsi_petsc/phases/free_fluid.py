@@ -100,6 +100,11 @@ class FreeFluid(FluidPhase):
         """
         return -momentum.without("traction")
 
+    @property
+    def end_force(self) -> np.ndarray:
+        """Return `boundary_force` at the end of the converged trial step, (n_owned, d) [N]."""
+        return self._at_end(self._force0, self.boundary_force(self._momentum))
+
     @timed("residual")
     def interface_force(self, mesh_state: MeshState) -> np.ndarray:
         """Return `boundary_force` of the trial state on the interface, (n_owned, d) [N], from the
@@ -268,9 +273,8 @@ class FreeFluid(FluidPhase):
 
     def accept(self) -> None:
         """Make the trial state the accepted one (collective)."""
-        force = self.boundary_force(self._momentum)
-        self.force = self._at_end(self._force0, force)
-        self._force0 = force
+        self.force = self.end_force
+        self._force0 = self.boundary_force(self._momentum)
         super().accept()
 
     def state(self) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ from ..linalg.partition import partition
 from ..linalg.stopwatch import Stopwatch
 from ..mesh.axis import around_axis, tags_on_axis
 from ..mesh.check import boundary_tags, require_every_tag, require_regions, require_tags
+from ..mesh.excerpt import excerpt
 from ..mesh.generate import box, rectangle
 from ..mesh.graph import node_graph
 from ..mesh.interface import INTERFACE, with_interface
@@ -43,6 +44,8 @@ def tagged_mesh(scene: Scene) -> Mesh:
         if section.kind == "file"
         else _generated(section, where)
     )
+    if section.keep:
+        mesh = excerpt(mesh, section.keep, where)
     mesh = with_tags(mesh, section.tag, where)
     return around_axis(mesh, where) if scene.axisymmetric else mesh
 
@@ -67,6 +70,9 @@ def serial_mesh(scene: Scene) -> Mesh:
         tag for pair in scene.interface for tag in (*pair.fluid, *pair.solid)
     }
     outer -= on_axis
+    if scene.precice:
+        require_tags(mesh, scene.precice.on, f"{where} [precice.on]")
+        outer -= set(scene.precice.on)
     if INTERFACE not in mesh.facets:
         wetted = [tag for pair in scene.interface for tag in pair.fluid]
         mesh = with_interface(
@@ -158,7 +164,7 @@ def build_coupling(scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> AnyMe
             else InterfaceBuilder(scene, mesh, stopwatch)
         )
         medium = builder.medium()
-        medium.tried = tried_by_itself(scene)
+        medium.tried = tried_by_itself(scene) - ({"step"} if scene.precice else set())
         return medium
 
     if auto_terms(scene.model):

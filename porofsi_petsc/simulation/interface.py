@@ -11,13 +11,14 @@ from ..config import Scene
 from ..config.expressions import Expression
 from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMedium, InterfaceMonolithic
+from ..coupling.participant import FluidParticipant, SolidParticipant
 from ..coupling.robin import InterfaceConditions, InterfaceMeans
 from ..errors import InputError
 from ..fem.boundary import InterfaceMass, InterfacePressure, has_facets, tags_of
 from ..fem.closed import closed_nodes
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
-from ..fem.essential import Essential
+from ..fem.essential import Essential, owned_nodes
 from ..fem.surface import Surface
 from ..fem.transfer import InterfaceTransfer, Pair
 from ..linalg.options import are_factored
@@ -70,7 +71,8 @@ class InterfaceBuilder(Builder):
             Pair(pair.fluid, pair.solid, f"{where} [interface.{i}]")
             for i, pair in enumerate(scene.interface)
         ]
-        self.transfer = InterfaceTransfer(mesh, dense.holds & self._fluid_domain.holds, pairs)
+        shared = dense.holds & self._fluid_domain.holds | self._told_by_another()
+        self.transfer = InterfaceTransfer(mesh, shared, pairs)
         sticking = self.transfer.fluid_nodes
         self._inflows = inflows(scene, mesh, materials, sticking, self._scaled)
         self._velocity = self._dirichlet("velocity", self._fluid_tags)
@@ -124,6 +126,16 @@ class InterfaceBuilder(Builder):
             interface = transfer.fluid_nodes
             system = InterfaceSystem(solid, fluid, motion, interface, self.scheme == "direct")
             return InterfaceMonolithic(*medium, system, **both)
+        if self.scene.precice:
+            side = FluidParticipant if self._fluid_domain.n_nodes else SolidParticipant
+            return side(
+                *medium,
+                accelerator,
+                self.scene.full_newton,
+                nodes=self._shared_with_another(),
+                conditions=conditions,
+                **both,
+            )
         if self._pair == "condensed":
             answer = CondensedSolid(solid, fluid)
             return CondensedCoupling(*medium, self.scene.full_newton, answer=answer, **both)
@@ -137,8 +149,25 @@ class InterfaceBuilder(Builder):
             **both,
         )
 
+    def _shared_with_another(self):
+        """Return the owned nodes of the interface with another program, (N,) ascending."""
+        tags = self.scene.precice.on if self.scene.precice else ()
+        nodes = [owned_nodes(self.mesh, tag) for tag in tags]
+        return np.unique(np.concatenate(nodes)) if nodes else np.empty(0, dtype=int)
+
+    def _told_by_another(self):
+        """Return the nodes of the fluid whose motion another program tells, (n_local,) bool
+        (collective).
+        """
+        told = np.zeros((self.mesh.n_local, 1))
+        told[self._shared_with_another()] = 1.0
+        self.mesh.halo.update(told)
+        return (told[:, 0] > 0) & self._fluid_domain.holds
+
     def _scheme(self):
         """Return the `closed.InterfaceScheme` of the scene (collective)."""
+        if self.scene.precice:
+            return self._scheme_of_participant()
         choice = self.scene.coupling
         if choice.interface == "condensed" and (missing := self._lacks_for_condensing()):
             where = f"{self.scene.source_path or 'scene'} [coupling.interface]"
@@ -146,6 +175,15 @@ class InterfaceBuilder(Builder):
         if choice.interface == "auto" and self._can_condense(choice):
             return InterfaceScheme(choice.scheme, "condensed")
         return interface_scheme(self.scene, self._closed_by_solid(), is_direct(self.mesh))
+
+    def _scheme_of_participant(self):
+        if self._closed_by_solid():
+            raise InputError(
+                f"{self.scene.source_path or 'scene'} [precice]: received a fluid that the"
+                " interface closes, expected one with an open boundary: told its velocity all"
+                " around, its pressure has no level"
+            )
+        return InterfaceScheme("partitioned", "dirichlet_neumann")
 
     def _can_condense(self, choice):
         time = self.scene.time.scheme

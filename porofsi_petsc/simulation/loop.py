@@ -29,8 +29,10 @@ from .continuation import Continuation
 from .energy import Energy, step_powers
 from .fall_back import WORDING, FallBack
 from .measures import Measures
+from .precice import Partner
 from .step_control import StepControl, StepTooLarge
 
+Solve = Callable[[tuple[Scheme, Scheme], Rates], None]  # of the next step
 ABSENT_PREFIXES = (
     "mesh_",
 )  # a solver that many scenes do not have; its options may stand in a shared options file
@@ -226,9 +228,12 @@ class TimeLoop:
         energy: Energy,
         measures: Measures,
         after_step: Callable = lambda: None,
+        partner: Partner | None = None,
     ) -> None:
         """Take what is advanced and what measures it; after_step is called after every accepted
         step (collective).
+
+        partner : the other program of a run that two of them solve
         """
         self._scene = scene
         self._coupling = coupling
@@ -243,9 +248,11 @@ class TimeLoop:
             else None
         )
         self.auto = coupling if isinstance(coupling, AutoMedium) else None
-        self._solve = FallBack(coupling, self.clock).solve
+        self._solve: Solve = FallBack(coupling, self.clock).solve
         if coupling.load_factor and scene.coupling.on_failure != "stop":
             self._solve = Continuation(coupling, self.clock, self._solve).solve
+        if partner:
+            self._solve = partner.solving(self._solve)
         self.iterations: list[int] = []
 
     @property

@@ -30,6 +30,7 @@ from .fields import Fields
 from .lines import Lines
 from .loop import TimeLoop
 from .measures import Measures
+from .precice import Partner
 from .quantities import Quantities
 from .restart import resume
 
@@ -83,9 +84,18 @@ class Simulation:
             self.quantities = Quantities(scene, self.coupling, self.measures)
         self.energy = Energy()
         self.energy.start(*self.coupling.energies())
-        self.loop = TimeLoop(scene, self.coupling, self.energy, self.measures, self._call_back)
+        self._partner = self._other_program()
+        self.loop = TimeLoop(
+            scene, self.coupling, self.energy, self.measures, self._call_back, self._partner
+        )
         self.fields = Fields(scene, self.coupling, self.measures)
         self._rows = [(0.0, *self.quantities.values(0.0), 0)]
+
+    def _other_program(self):
+        """Return the `Partner` of a participant, None of other scenes."""
+        scene = self.scene
+        where = str(scene.source_path or "scene")
+        return Partner(scene.precice, self.coupling, where) if scene.precice else None
 
     @classmethod
     def from_scene(
@@ -149,6 +159,8 @@ class Simulation:
             self._ends = False
             try:
                 self.loop.run(lambda: self._ends)
+                if self._partner and self.finished:
+                    self._partner.finish()
             finally:
                 self.loop.clock.end = end
                 self._of_run = []
@@ -241,6 +253,11 @@ class Simulation:
         """Continue from a checkpoint; header : of `output.checkpoint.open_checkpoint`.  Raises
         InputError.
         """
+        if self._partner:
+            raise InputError(
+                f"{path}: received a checkpoint for a scene with [precice], expected none: the"
+                " coupling begins at t = 0; start anew"
+            )
         text = scene_to_toml(self.scene)
         resume(path, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
         self.quantities.load(path, header.get("volumes") or {})
@@ -252,6 +269,8 @@ class Simulation:
         if self._is_closed:
             return
         self._is_closed = True
+        if self._partner:
+            self._partner.close()
         for solver in self.solvers.values():
             solver.destroy()
         self._agreement.free()

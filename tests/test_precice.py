@@ -1,0 +1,335 @@
+"""A scene as one participant of a coupled run: beside a stand-in of preCICE that replays what the
+other side did in a run of both, and over the library where it is installed.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from running import SCENES
+
+from porofsi_petsc import Simulation, load_scene
+from porofsi_petsc.config.toml import read_toml
+from porofsi_petsc.errors import InputError
+from porofsi_petsc.output.history import read_history
+
+FLAP = SCENES / "flap.toml"
+SHIPPED = Path(__file__).resolve().parents[1] / "configs" / "precice"
+CONFIGURATION = SHIPPED / "precice-config.xml"
+STEP = 0.01
+# Steps and data that all runs have; with rho_inf = 0 the collocation level is the end of the step.
+SAME = {"end": 5 * STEP, "step": STEP, "rho_inf": 0.0}
+# The replayed motion is converged to 1e-9 of the forces, and so is the answer of the fluid to it.
+TIGHT = {"tolerance": 1e-9, "interface": "dirichlet_neumann"}
+AGREE = 1e-7
+
+
+class StandIn:
+    """What the package uses of `precice.Participant`: every window is done twice, and the other
+    side's values are those of a function (t, X) at its end.
+    """
+
+    dim = 2
+    window = STEP
+    end = SAME["end"]
+    values = None  # (t, X (N, d)) -> (N, d)
+
+    def __init__(self, *names):
+        self.t, self.repeat, self.written = 0.0, True, []
+
+    def get_mesh_dimensions(self, mesh):
+        return self.dim
+
+    def get_data_dimensions(self, mesh, data):
+        return self.dim
+
+    def set_mesh_vertices(self, mesh, X):
+        self.X = X
+        return np.arange(len(X))
+
+    def requires_initial_data(self):
+        return True
+
+    def initialize(self):
+        assert self.written  # zeros
+
+    def is_coupling_ongoing(self):
+        return self.t < self.end - 1e-9
+
+    def get_max_time_step_size(self):
+        return self.window
+
+    def requires_writing_checkpoint(self):
+        return self.repeat
+
+    def read_data(self, mesh, data, vertices, dt):
+        first_guess = 0.5 if self.repeat else 1.0
+        return first_guess * type(self).values(self.t + dt, self.X)
+
+    def write_data(self, mesh, data, vertices, values):
+        self.written.append(values)
+
+    def advance(self, dt):
+        self.t += 0.0 if self.repeat else dt
+        self.repeat = not self.repeat
+
+    def requires_reading_checkpoint(self):
+        return not self.repeat
+
+    def finalize(self):
+        self.written.clear()
+
+
+@pytest.fixture
+def stand_in(monkeypatch):
+    participant = type("Participant", (StandIn,), {})
+    monkeypatch.setitem(sys.modules, "precice", SimpleNamespace(Participant=participant))
+    return participant
+
+
+def side(region, **changes):
+    """Return the scene of one side of the flap as a dict."""
+    scene = read_toml(FLAP)
+    wet = {"body": "flap", "flap": "body"}[region]
+    boundary = scene["boundary"] if region == "body" else [HELD]
+    scene |= {
+        "mesh": scene["mesh"] | {"keep": [region]},
+        "material": [entry for entry in scene["material"] if entry["region"] == region],
+        "boundary": boundary,
+        "time": SAME,
+        "coupling": {"tolerance": 1e-9},
+        "force": [{"name": "flap", "on": wet}] if region == "body" else [],
+        "probe": [] if region == "body" else [TIP],
+        "precice": {
+            "config": str(CONFIGURATION),
+            "participant": "Fluid" if region == "body" else "Solid",
+            "mesh": "Mesh",
+            "on": wet,
+            "read": "Displacement" if region == "body" else "Force",
+            "write": "Force" if region == "body" else "Displacement",
+        },
+    }
+    return scene | changes
+
+
+HELD = {"on": "bottom", "displacement": {"x": 0.0, "y": 0.0}}
+TIP = {"name": "tip", "at": [0.5, 0.2], "quantities": ["u_x", "u_y"]}
+
+
+def both_sides(**changes):
+    """Return history and, at the end of every step, displacement and force at places on the
+    interface, of one scene with both.
+    """
+    scene = read_toml(FLAP) | {"time": SAME, "coupling": TIGHT} | changes
+    found = {}
+
+    def keep(simulation):
+        coupling = simulation.coupling
+        mesh = coupling.solid.mesh
+        n = mesh.n_owned
+        values = np.column_stack([coupling.displacement()[:n], coupling.fluid.force])
+        rows = mesh.comm.allgather((mesh.X[:n], values))
+        places = np.round(np.concatenate([X for X, _ in rows]), 9)
+        values = np.concatenate([value for _, value in rows])
+        found[round(simulation.time / STEP)] = dict(zip(map(tuple, places), values, strict=True))
+
+    with Simulation.from_scene(scene) as simulation:
+        simulation.run(callbacks=[keep])
+        return simulation.history, found
+
+
+def replayed(found, columns):
+    """Return the function of the stand-in that gives some columns of `both_sides`."""
+
+    def values(t, X):
+        at = found[round(t / STEP)]
+        rows = [at[tuple(place)][columns] for place in np.round(X, 9)]
+        return np.array(rows).reshape(-1, 2)
+
+    return staticmethod(values)
+
+
+@pytest.mark.mpi
+def test_the_fluid_told_the_motion_of_the_solid_has_the_force_of_one_scene_with_both(stand_in):
+    history, found = both_sides()
+    stand_in.values = replayed(found, slice(0, 2))
+    with Simulation.from_scene(side("body")) as simulation:
+        simulation.run()
+        for column in ("flap.f_x", "flap.f_y"):
+            expected = history[column]
+            size = np.abs(expected).max()
+            assert np.abs(simulation.history[column] - expected).max() < AGREE * size
+
+
+@pytest.mark.mpi
+def test_the_solid_told_the_force_of_the_fluid_moves_as_in_one_scene_with_both(stand_in):
+    history, found = both_sides()
+    stand_in.values = replayed(found, slice(2, 4))
+    with Simulation.from_scene(side("flap")) as simulation:
+        simulation.run()
+        for column in ("tip.u_x", "tip.u_y"):
+            expected = history[column]
+            size = np.abs(expected).max()
+            assert np.abs(simulation.history[column] - expected).max() < AGREE * size
+
+
+def test_a_force_between_the_ends_of_a_window_is_linear_in_time(stand_in):
+    """As that of a load on a point, which is evaluated on the collocation level; it begins after
+    the first step, in which the force is that at its end.
+    """
+    tip = np.array([0.5, 0.2])
+
+    def force(t, X):
+        at_tip = (abs(X - tip) < 1e-9).all(axis=1)
+        return np.column_stack([np.where(at_tip, 300 * max(t - STEP, 0.0), 0.0), 0 * X[:, 0]])
+
+    stand_in.values = staticmethod(force)
+    load = {"at": [0.5, 0.2], "force": {"x": f"300*maximum(t - {STEP}, 0)"}}
+    changes = {"time": SAME | {"rho_inf": 0.5}}
+    alone = side("flap", **changes, load=[load], boundary=[HELD, {"on": "body"}])
+    del alone["precice"]
+    told, loaded = (_end(scene, "tip.u_x") for scene in (side("flap", **changes), alone))
+    assert told == pytest.approx(loaded, rel=1e-8)  # both converged to 1e-9
+
+
+def _end(scene, column):
+    with Simulation.from_scene(scene) as simulation:
+        simulation.run()
+        return simulation.history[column][-1]
+
+
+def test_windows_of_another_size_or_another_end_are_refused(stand_in):
+    stand_in.values = staticmethod(lambda t, X: 0 * X)
+    for name, value, text in (
+        ("window", 2 * STEP, "time windows of 0.02 s, expected steps of this program, 0.01 s"),
+        ("end", 3 * STEP, "the coupling has ended before time.end"),
+        ("end", 9 * STEP, "the coupling goes on after time.end"),
+        ("dim", 3, "'Mesh' of dimension 3, expected a mesh of dimension 2"),
+    ):
+        kept = getattr(stand_in, name)
+        setattr(stand_in, name, value)
+        with (
+            Simulation.from_scene(side("flap")) as simulation,
+            pytest.raises(InputError, match=re.escape(text)),
+        ):
+            simulation.run()
+        setattr(stand_in, name, kept)
+
+
+def test_what_the_library_refuses_and_a_missing_one_are_told(stand_in, monkeypatch):
+    def refuses(self, *arguments):
+        raise RuntimeError("the mesh is unknown")
+
+    monkeypatch.setattr(stand_in, "set_mesh_vertices", refuses)
+    with (
+        Simulation.from_scene(side("flap")) as simulation,
+        pytest.raises(InputError, match=r"\[precice\]: preCICE says: the mesh is unknown"),
+    ):
+        simulation.run()
+    monkeypatch.setitem(sys.modules, "precice", None)
+    with (
+        Simulation.from_scene(side("flap")) as simulation,
+        pytest.raises(InputError, match="install the library and pyprecice"),
+    ):
+        simulation.run()
+
+
+def test_a_restart_is_refused(stand_in, tmp_path):
+    stand_in.values = staticmethod(lambda t, X: 0 * X)
+    with Simulation.from_scene(side("flap")) as simulation:
+        simulation.run()
+        path = simulation.checkpoint(tmp_path)
+    with pytest.raises(InputError, match="the coupling begins at t = 0; start anew"):
+        Simulation.from_scene(side("flap"), restart=path)
+
+
+@pytest.mark.parametrize(
+    "region, changes, message",
+    [
+        ("flap", {"time": SAME | {"growth": 1.1}}, "received 1.1 with [precice], expected 1.0"),
+        ("flap", {"coupling": {"scheme": "direct"}}, "received 'direct' with [precice]"),
+        ("body", {"model": {"moving_mesh": False}}, "whose interface moves, expected true"),
+    ],
+)
+def test_what_a_participant_cannot_have_is_refused(region, changes, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        load_scene(side(region, **changes))
+
+
+def test_a_fluid_that_the_interface_closes_is_refused():
+    scene = side("body")
+    scene["boundary"] = [scene["boundary"][1] | {"on": ["bottom", "top", "left", "right"]}]
+    with pytest.raises(InputError, match="received a fluid that the interface closes"):
+        Simulation.from_scene(scene)
+
+
+def test_regions_that_are_no_part_of_the_mesh_are_refused():
+    scene = side("body")
+    scene["mesh"]["keep"] = ["steel"]
+    with pytest.raises(InputError, match=re.escape("expected regions of the mesh: body, flap")):
+        Simulation.from_scene(scene)
+
+
+# -- over the library ------------------------------------------------------------------------------
+
+
+def run_both(folder, scenes):
+    """Run both participants with a configuration in a folder; return their histories."""
+    command = [sys.executable, "-m", "porofsi_petsc", "run"]
+    runs = [
+        subprocess.Popen(
+            [*command, str(folder / f"{name}.toml"), "--output", str(folder / name)],
+            cwd=folder,
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for name in scenes
+    ]
+    for run in runs:
+        said, _ = run.communicate(timeout=300)
+        assert run.returncode == 0, said
+    return [read_history(folder / name / "history.csv") for name in scenes]
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
+def test_two_runs_over_the_library_are_one_scene_with_both(tmp_path):
+    """The data of preCICE agree to 1e-8 at the end of a window."""
+    pytest.importorskip("precice", exc_type=ImportError)
+    import tomli_w
+
+    text = CONFIGURATION.read_text()
+    for name, value in (("max-time", SAME["end"]), ("time-window-size", STEP)):
+        text = re.sub(f'<{name} value="[0-9.]+"', f'<{name} value="{value}"', text)
+    (tmp_path / "precice-config.xml").write_text(text)
+    for region, name in (("body", "fluid"), ("flap", "solid")):
+        scene = side(region)
+        scene["precice"] |= {
+            "config": "precice-config.xml",
+            "mesh": f"{name.capitalize()}-Mesh",
+        }
+        (tmp_path / f"{name}.toml").write_text(tomli_w.dumps(scene))
+    fluid, solid = run_both(tmp_path, ["fluid", "solid"])
+    history, _ = both_sides()
+    for found, columns in ((fluid, ("flap.f_x", "flap.f_y")), (solid, ("tip.u_x", "tip.u_y"))):
+        for column in columns:
+            size = np.abs(history[column]).max()
+            assert np.abs(found[column] - history[column]).max() < AGREE * size
+
+
+def test_the_shipped_participants_are_the_sides_of_the_shipped_flap():
+    both = load_scene("perpendicular_flap")
+    fluid, solid = (load_scene(SHIPPED / f"{name}.toml") for name in ("fluid", "solid"))
+    assert [*fluid.material, *solid.material][0] == both.material[0]
+    assert solid.material[0].solid == both.material[1].solid
+    assert fluid.time == solid.time == both.time
+    text = CONFIGURATION.read_text()
+    assert f'<max-time value="{both.time.end}"' in text
+    assert f'<time-window-size value="{both.time.step}"' in text
