@@ -349,6 +349,7 @@ def check_expressions(section: Table, dim: int, key: str, position_only: bool = 
         elif isinstance(value, Table):
             check_expressions(value, dim, f"{key}.{name}", position_only)
         elif hasattr(value, "names"):
+            name = type(section).model_fields[name].alias or name
             value.key = f"{key}.{name}"
             if dim == 2 and "z" in value.names:
                 raise wrong(

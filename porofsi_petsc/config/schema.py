@@ -225,6 +225,9 @@ class Scene(Table):
         for i, boundary in enumerate(self.boundary):
             check_expressions(boundary, self.dim, f"boundary.{i}")
             check_axes(boundary.equal_displacement, self.dim, f"boundary.{i}.equal_displacement")
+        for i, material in enumerate(self.material):
+            check_expressions(material, self.dim, f"material.{i}", position_only=True)
+            self._check_fields(material, i)
         for i, tie in enumerate(self.tie):
             check_axes(tie.components, self.dim, f"tie.{i}.components")
         if isinstance(self.body_force, BodyForce):
@@ -246,6 +249,20 @@ class Scene(Table):
         self._check_reference()
         self._check_expectations()
         return self
+
+    def _check_fields(self, material, i):
+        """Refuse coefficients that are fields where what asks for them knows numbers alone."""
+        key = next(iter(material.fields), None)
+        if key and not self.is_porous and self.phases[1]:
+            raise wrong(
+                "received a formula beside a free fluid, expected a number", f"material.{i}.{key}"
+            )
+        if key and self.reference:
+            raise wrong(
+                f"received a formula with [reference] '{self.reference.solution}', whose material"
+                " is uniform; leave the section out and give [[expect]]",
+                f"material.{i}.{key}",
+            )
 
     def _check_loads(self):
         """Refuse loads without a solid, of another dimension, and along lines in a plane."""

@@ -71,7 +71,7 @@ class InternalVariables:
         """Integrate them over a time [s] that ends with the displacement u (n_local, d) [m]."""
         domain = self._domain
         for region, chunk in domain.chunks(doubles_per_cell):
-            law = self._laws[region]
+            law = self._laws[region].at(domain.cell_numbers[chunk])
             if law.memory:
                 part = domain.reference_stiffness.part(chunk)
                 H = displacement_gradient(part.G, domain.gather(u, chunk), part.hoop)

@@ -75,7 +75,7 @@ class PoreFluid(FluidPhase):
         stored = np.zeros((domain.n_owned, 1))
         N = domain.mass.N
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             geometry = state.configuration.geometry.part(chunk)
             S = material.storage(state.configuration.J[chunk])
             of_elements = storage.stored_volume(N, geometry, S, domain.gather(rate, chunk))
@@ -117,7 +117,7 @@ class PoreFluid(FluidPhase):
         ones = np.ones((domain.n_cells, domain.cells.shape[1]))
         of_cells = np.ones((domain.n_cells, 1))
         for region, span in domain.region_slices.items():
-            of_cells[span] = self.setup.materials[region].biot
+            of_cells[span] = self.setup.material(region, span).biot
         total, count = (domain.scatter_add(values)[:, 0] for values in (of_cells * ones, ones))
         mean = np.divide(total, count, out=np.ones_like(total), where=count > 0)
         return self.mesh.halo.extend(mean[:, None])[:, 0]
@@ -129,7 +129,7 @@ class PoreFluid(FluidPhase):
         domain = self.domain
         stored = np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            S = self.setup.materials[region].storage(mesh_state.configuration.J[chunk])
+            S = self.setup.material(region, chunk).storage(mesh_state.configuration.J[chunk])
             p = domain.gather(self.p, chunk) @ domain.mass.N.T
             dV = mesh_state.configuration.geometry.dV[chunk]
             stored[chunk] = 0.5 * (S * p**2 * dV).sum(axis=1)
@@ -210,7 +210,7 @@ class PoreFluid(FluidPhase):
     def _complete(self, K, elements, region, chunk, mesh_state, rates):
         """Add what the skeleton answers, in the corrected split."""
         if self.setup.split == "corrected":
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             self._add_skeleton_answer(K, elements, material, mesh_state, rates, chunk)
 
     def _balance_tangents(self, mesh_state, rates, fields, surfaces, components):
@@ -219,7 +219,7 @@ class PoreFluid(FluidPhase):
         found = super()._balance_tangents(mesh_state, rates, fields, surfaces, components)
         for region, chunk, elements, K in found:
             if self._compressible:
-                S = self.setup.materials[region].storage(mesh_state.configuration.J[chunk])
+                S = self.setup.material(region, chunk).storage(mesh_state.configuration.J[chunk])
                 c_p = self.scheme.c_v
                 stored = storage.storage_tangent(elements.N, elements.geometry, S, c_p)
                 K[:, :, d, :, d] += stored
@@ -269,7 +269,7 @@ class PoreFluid(FluidPhase):
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, mesh_state.configuration)
             K = exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
-            alpha = self.setup.materials[region].biot
+            alpha = self.setup.material(region, chunk).biot
             if alpha != 1.0:
                 by_p = storage.grain_tangent(elements.N, elements.geometry, alpha)
                 K[:, :, -1] -= rates.c_v * np.moveaxis(by_p, 3, 1)
@@ -286,7 +286,7 @@ class PoreFluid(FluidPhase):
             elements = self._elements(region, chunk, mesh_state.configuration)
             J = mesh_state.configuration.J[chunk]
             derivatives = shape.VolumeDerivatives(
-                *self.setup.materials[region].volume_derivatives(J)
+                *self.setup.material(region, chunk).volume_derivatives(J)
             )
             yield chunk, shape.flow_by_geometry(elements, fields.on(chunk), derivatives)
 

@@ -45,6 +45,10 @@ class PhaseSetup:
     stopwatch: Stopwatch
     surfaces: tuple[OnSurface, ...] = ()
 
+    def material(self, region: str, rows: slice | np.ndarray) -> PorousMaterial:
+        """Return the material of some elements of a region."""
+        return self.materials[region].at(self.domain.cell_numbers[rows])
+
     @property
     def has_followers(self) -> bool:
         """Return whether a load follows a surface, so that the tangent need not be symmetric."""
