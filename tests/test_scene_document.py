@@ -18,6 +18,7 @@ from porofsi_petsc.config import (
     schema,
     sections,
 )
+from porofsi_petsc.config.fields import OR_FORMULA
 from porofsi_petsc.config.types import (
     Coefficient,
     Formula,
@@ -95,6 +96,8 @@ def kind_of(annotation):
         chosen = [entry for entry in annotation.__metadata__ if isinstance(entry, OneOf)]
         if chosen:
             return ", ".join(f'"{name}"' for name in chosen[0].names)
+        if OR_FORMULA in annotation.__metadata__:
+            return "number or field"
         return kind_of(arguments[0])
     if origin is typing.Literal:
         return ", ".join(f'"{a}"' if isinstance(a, str) else str(a) for a in arguments)

@@ -15,12 +15,10 @@ from ..errors import InputError, digits
 from .expressions import Expression
 from .types import Number, Positive, expression
 
-Coefficient = float | Expression
+Entry = float | Expression
 
 
-def _or_formula(
-    value: Any, number: ValidatorFunctionWrapHandler, info: ValidationInfo
-) -> Coefficient:
+def _or_formula(value: Any, number: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Entry:
     """Return a number that is one, else an `Expression`; a formula without x, y, z is a number."""
     if not isinstance(value, str | dict | Expression) and not callable(value):
         return number(value)

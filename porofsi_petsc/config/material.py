@@ -169,9 +169,9 @@ class Solid(OfLaw):
             lam, mu = values(self.lambda_, X), values(self.mu, X)
         else:
             E, nu = values(self.young, X), values(self.poisson, X)
-            lam, mu = _lame(E, nu)
             require_within(self.young, E, X, above=0.0)
             require_within(self.poisson, nu, X, above=-1.0, below=0.5)
+            lam, mu = _lame(E, nu)
         require_within(self.mu, mu, X, above=0.0)
         place = getattr(self.lambda_, "place", getattr(self.mu, "place", ""))
         if self.is_graded:

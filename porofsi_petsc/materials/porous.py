@@ -162,7 +162,7 @@ class PorousMaterial:
         """
         assert self.elastic is not None  # nobody asks a fluid
         compliance = self.biot**2 / self.elastic.oedometer_modulus
-        return self.mobility / (self.storage(np.ones(())) + compliance)
+        return self.mobility / (self.storage(np.ones(np.shape(self.n_s0))) + compliance)
 
     @property
     def mobility(self) -> Any:
@@ -202,7 +202,7 @@ class PorousMaterial:
         """Return λ + 2μ + α²/S [Pa] of compressible constituents, λ + 2μ of others."""
         if not (self.elastic and self.is_compressible):
             return self.confined_modulus
-        return self.confined_modulus + self.biot**2 / self.storage(np.ones(()))
+        return self.confined_modulus + self.biot**2 / self.storage(np.ones(np.shape(self.n_s0)))
 
     @property
     def shear_modulus(self) -> float:
