@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from ..clock import Scheme
 from ..conditions import Slope
@@ -181,10 +182,32 @@ class PoreFluid(FluidPhase):
         return values
 
     def force_per_rate(self, rates: Rates) -> float:
-        """Return infinity: the drag and the skeleton resist, whatever force there is; see
-        `FreeFluid.force_per_rate`.
+        """Return the least force on the fluid over the volume flux it goes with, 1/(n_f g/S +
+        c_v/(E_c g)) [N s/m³], see `FreeFluid.force_per_rate` (collective).
+
+        A force F of a node is a seepage n_f g F/S, or moves the skeleton by F/(E_c V g²): what is
+        left of pressure and weight that cancel, in ground at rest, is the round-off of these.
         """
-        return np.inf
+        seepage, motion = self._rates_per_force
+        least = (1 / (seepage + rates.c_v * motion)).min(initial=np.inf)
+        return self.mesh.comm.allreduce(least, MPI.MIN)
+
+    @cached_property
+    def _rates_per_force(self):
+        """Return n_f g/S [m³/(N s)] and 1/(E_c g) [m³/N] of the elements in the reference, (E,)
+        each.
+        """
+        domain = self.domain
+        found = np.empty((2, domain.n_cells))
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material = self.setup.material(region, chunk)
+            g = np.linalg.norm(domain.reference.part(chunk).G, axis=-1).sum(axis=2)
+            steepness = g.max(axis=1, initial=0.0)
+            rest = np.ones((len(g), 1))
+            S = material.drag(rest).smallest[:, 0]
+            found[0, chunk] = material.fluid_fraction(rest)[:, 0] * steepness / S
+            found[1, chunk] = 1 / (np.ravel(material.confined_modulus) * steepness)
+        return found
 
     def drag_along(self, change: np.ndarray) -> None:
         """Add what the drag does to v_f when v_s changes, (n_local, d) [m/s], while the pressure is
