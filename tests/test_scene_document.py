@@ -56,6 +56,7 @@ TABLES = {
     "[[body_force]]": conditions.RegionalForce,
     "[[load]]": sections.Load,
     "[initial]": conditions.Initial,
+    "initial.stress": conditions.InitialStress,
     "Vectors": Vector,
     "[stabilization]": sections.Stabilization,
     "[coupling]": sections.Coupling,

@@ -237,6 +237,7 @@ class Scene(Table):
                 check_expressions(force, self.dim, f"body_force.{i}")
         self._check_loads()
         check_expressions(self.initial, self.dim, "initial", position_only=True)
+        self._check_initial_stress()
         self._check_kinds()
         self._check_anisotropy()
         self._check_interfaces()
@@ -249,6 +250,33 @@ class Scene(Table):
         self._check_reference()
         self._check_expectations()
         return self
+
+    def _check_initial_stress(self):
+        """Refuse an initial stress without a solid, out of the plane, or under a law that has to
+        know it.
+        """
+        given = self.initial.stress.components(self.dim)
+        if not given:
+            return
+        key = "initial.stress"
+        if not self.phases[0]:
+            raise wrong("received one without a solid; leave it out", key)
+        if self.dim == 2 and any(pair in given for pair in ((0, 2), (1, 2))):
+            raise wrong("received xz or yz in a two-dimensional scene; leave them out", key)
+        if self.reference:
+            raise wrong(
+                f"received one with [reference] '{self.reference.solution}', which has none; leave"
+                " one of the two out",
+                key,
+            )
+        for material in self.material:
+            law = material.elastic_law() if material.solid else None
+            if law and law.memory and not law.prony:
+                raise wrong(
+                    f"received one with the law '{material.solid.law}', whose state depends on the"
+                    " whole stress, expected an elastic one",
+                    key,
+                )
 
     def _check_fields(self, material, i):
         """Refuse coefficients that are fields where what asks for them knows numbers alone."""

@@ -69,7 +69,7 @@ class SolidPhase:
         self.v = np.zeros(shape)
         self.a = np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
-        self.internal = InternalVariables(self.domain, self._laws)
+        self.internal = InternalVariables(self.domain, self._laws, setup.initial_stress)
         self._rule = TangentRule(self.is_linear)
         self._configuration: Configuration | None = None
         self._accepted_configuration: Configuration | None = None
@@ -333,11 +333,9 @@ class SolidPhase:
 
     def _collocated_law(self, law, chunk):
         """Return the law of some elements on the collocation level."""
-        if not self.internal:
-            return law
         if law.plastic and self._elastic:
             law = law.unyielding
-        duration = self.scheme.alpha_f * self.scheme.duration
+        duration = self.scheme.alpha_f * self.scheme.duration if self.internal else 0.0
         return self.internal.law(law, chunk, duration)
 
     @property

@@ -26,6 +26,7 @@ from ..materials import PERMEABILITY
 from ..materials.drag import Anisotropy
 from ..materials.graded import graded
 from ..materials.porous import PorousMaterial
+from ..phases.initial_stress import InitialStress
 from ..phases.loads import BodyForce
 from ..phases.surface_terms import OnSurface
 from ..registry import parameters
@@ -189,6 +190,16 @@ class Builder:
         self.stopwatch = stopwatch
         self.materials = materials_of(scene, mesh)
         self.load_factor = LoadFactor() if scene.time.scheme == "steady" else None
+
+    def initial_stress(self, domain: Domain) -> InitialStress | None:
+        """Return the initial stress of the solids of a domain, None without one."""
+        given = self.scene.initial.stress.components(self.scene.dim)
+
+        def times(factor, formula):
+            return lambda t, x: factor * formula(t, x)
+
+        formulas = {pair: times(*entry) for pair, entry in given.items()}
+        return InitialStress(domain, formulas) if formulas else None
 
     def medium(self) -> Medium:
         """Return the coupling scheme with its phases (collective)."""

@@ -47,7 +47,7 @@ def preview(scene: Scene, coupling: AnyMedium, measures: Measures) -> str:
         _time(scene.time),
     ]
     lines += [*_diffusion(scene, coupling), *_waves(scene, coupling), *_flow(scene, coupling)]
-    return "\n".join([*lines, *_loads(scene, coupling)])
+    return "\n".join([*lines, *_loads(scene, coupling), *_initial_stress(scene, coupling)])
 
 
 def _size(mesh, coupling):
@@ -242,6 +242,24 @@ def _loads(scene, coupling):
             f" {loads[name] / moduli[softest]:.2g} times: compare their units, both are in Pa (5e6,"
             " not 5, for 5 MPa)"
         )
+
+
+def _initial_stress(scene, coupling):
+    """Yield the line on an initial stress: what it leaves of the loads of the first step."""
+    if not scene.initial.stress.components(scene.dim):
+        return
+    schemes, rates = Clock(scene.time).next_schemes(at_start(scene).model)
+    accepted = coupling.accepted_mesh_state()
+    coupling.solid.begin_step(schemes[0], 0.0)
+    coupling.fluid.begin_step(schemes[1], rates, 0.0, accepted)
+    flow = coupling.flow(coupling.fluid.residual(coupling.mesh_state()))
+    residual, largest = coupling.solid.residual(flow).norms()
+    coupling.reset()
+    share = residual / largest if largest else 0.0
+    yield (
+        f"initial stress: at rest it is out of balance with pressure and loads of the first step by"
+        f" {share:.2g} of the largest force of the solid"
+    )
 
 
 def _surface_loads(scene, coupling):
