@@ -277,3 +277,62 @@ def test_check_tells_the_range_of_the_coefficient_of_consolidation():
     least, largest = map(float, re.search(r"c_v = (\S+) m²/s to (\S+) m²/s", text).groups())
     assert least == pytest.approx(1.0, rel=0.05)
     assert largest == pytest.approx(4.0, rel=0.05)
+
+
+def tube(cells, power):
+    """Return a thick tube, 0.1 < r < 0.2 m, E = 1e9 (r/a)^n Pa, ν = 0.3, held along its axis, under
+    1 MPa inside.
+    """
+    return {
+        "title": "graded tube",
+        "mesh": {
+            "kind": "rectangle",
+            "x": {"points": [0.1, 0.2], "cells": [cells]},
+            "y": {"points": [0.0, 0.02], "cells": [1]},
+            "order": 2,
+            "cell_type": "quadrilateral",
+            "axisymmetric": True,
+        },
+        "model": {"solid_inertia": False, "fluid_inertia": False},
+        "time": {"scheme": "steady", "end": 1.0, "step": 1.0},
+        "material": [
+            {
+                "region": "body",
+                "solid": {
+                    "law": "linear_elastic",
+                    "young": f"1e9*(x/0.1)**{power}",
+                    "poisson": 0.3,
+                    "density": 2000.0,
+                },
+            }
+        ],
+        "boundary": [
+            {"on": ["bottom", "top"], "displacement": {"y": 0.0}},
+            {"on": "left", "traction": {"x": 1e6}},
+            {"on": "right"},
+        ],
+        "probe": [{"name": "wall", "at": [0.2, 0.0], "quantities": ["u_x"]}],
+    }
+
+
+def exact_tube(power):
+    """Return u_r at r = 0.2 m: u = A r^m + B r^-k of the roots of m² + n m + n ν/(1 - ν) - 1 = 0
+    (Horgan & Chan, J. Elasticity 55 (1999) 43).
+    """
+    nu, a, b = 0.3, 0.1, 0.2
+    roots = np.roots([1.0, power, power * nu / (1 - nu) - 1])
+    stiffness = 1e9 / ((1 + nu) * (1 - 2 * nu))
+
+    def stress(r):
+        return stiffness * (r / a) ** power * ((1 - nu) * roots + nu) * r ** (roots - 1)
+
+    factors = np.linalg.solve(np.array([stress(a), stress(b)]), [-1e6, 0.0])
+    return float(factors @ b**roots)
+
+
+@pytest.mark.parametrize("power", [1.5, -1.0])
+def test_a_graded_tube_widens_as_the_exact_one_with_second_order(power):
+    errors = [abs(final(tube(n, power))["wall.u_x"] / exact_tube(power) - 1) for n in (4, 8, 16)]
+    assert errors[-1] < 1e-3
+    assert np.log2(errors[0] / errors[1]) > 1.9
+    assert np.log2(errors[1] / errors[2]) > 1.9
