@@ -232,6 +232,20 @@ def test_ranks_agree(tmp_path):
         np.testing.assert_allclose(other[name], one[name], rtol=1e-7, atol=1e-15)
 
 
+def test_a_law_with_a_yield_limit_is_refused():
+    """It would have to see the whole stress."""
+    scene = ground()
+    scene["material"][0]["solid"] |= {
+        "law": "drucker_prager",
+        "cohesion": 1e4,
+        "friction_angle": 30.0,
+        "match": "plane_strain",
+        "dilatancy_angle": 0.0,
+    }
+    with pytest.raises(InputError, match="depends on the whole stress"):
+        load_scene(scene)
+
+
 @pytest.mark.parametrize(("weight", "share"), [(1.0, 0.0), (0.9, 0.1)])
 def test_check_tells_what_is_out_of_balance(weight, share):
     """Nine tenths of the stress leave a tenth of it to the weight."""
