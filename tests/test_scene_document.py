@@ -19,6 +19,7 @@ from porofsi_petsc.config import (
     schema,
     sections,
 )
+from porofsi_petsc.config.fields import OR_FORMULA
 from porofsi_petsc.config.types import (
     Coefficient,
     Formula,
@@ -57,6 +58,7 @@ TABLES = {
     "[[body_force]]": conditions.RegionalForce,
     "[[load]]": sections.Load,
     "[initial]": conditions.Initial,
+    "initial.stress": conditions.InitialStress,
     "Vectors": Vector,
     "[stabilization]": sections.Stabilization,
     "[coupling]": sections.Coupling,
@@ -97,6 +99,8 @@ def kind_of(annotation):
         chosen = [entry for entry in annotation.__metadata__ if isinstance(entry, OneOf)]
         if chosen:
             return ", ".join(f'"{name}"' for name in chosen[0].names)
+        if OR_FORMULA in annotation.__metadata__:
+            return "number or field"
         return kind_of(arguments[0])
     if origin is typing.Literal:
         return ", ".join(f'"{a}"' if isinstance(a, str) else str(a) for a in arguments)

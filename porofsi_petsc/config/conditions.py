@@ -20,6 +20,7 @@ from ..conditions import CONDITIONS, SurfaceCondition
 from ..conditions.condition import Kind
 from ..errors import shown
 from ..registry import Parameter, parameters
+from .expressions import Expression
 from .types import (
     Axes,
     Count,
@@ -224,6 +225,45 @@ BodyForces = Annotated[
 ]
 
 
+STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+
+
+class InitialStress(Table):
+    """Effective stress that is there without strain [Pa], tension positive: its components, or the
+    vertical one with k0 times that across.
+    """
+
+    xx: Formula | None = None
+    yy: Formula | None = None
+    zz: Formula | None = None
+    xy: Formula | None = None
+    xz: Formula | None = None
+    yz: Formula | None = None
+    vertical: Formula | None = None
+    k0: Annotated[Number, Field(ge=0)] | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self):
+        given = next((name for name in STRESSES if getattr(self, name) is not None), None)
+        if given and (self.vertical or self.k0 is not None):
+            raise wrong("received it beside vertical or k0, expected one of the two ways", given)
+        if (self.vertical is None) != (self.k0 is None):
+            key = "vertical" if self.vertical is None else "k0"
+            raise wrong("received nothing, expected vertical and k0 together", key)
+        return self
+
+    def components(self, dim: int) -> dict[tuple[int, int], tuple[float, Expression]]:
+        """Return component -> factor and formula of what is given; the last axis of the plane or of
+        space is the vertical one.
+        """
+        if self.vertical is None:
+            given = {pair: getattr(self, name) for name, pair in STRESSES.items()}
+            return {pair: (1.0, entry) for pair, entry in given.items() if entry is not None}
+        assert self.k0 is not None  # by `_one_way`
+        factors = {i: self.k0 if i != dim - 1 else 1.0 for i in range(3)}
+        return {(i, i): (factor, self.vertical) for i, factor in factors.items()}
+
+
 class Initial(Table):
     """State at t = 0: displacement [m], velocities [m/s] and pressure [Pa]; zero where absent."""
 
@@ -231,6 +271,7 @@ class Initial(Table):
     solid_velocity: Vector = Vector()
     fluid_velocity: Vector = Vector()
     pressure: Formula | None = None
+    stress: InitialStress = InitialStress()
 
 
 def check_boundaries(boundaries: Sequence[Boundary], brinkman: bool, porous: bool) -> None:
@@ -349,6 +390,7 @@ def check_expressions(section: Table, dim: int, key: str, position_only: bool = 
         elif isinstance(value, Table):
             check_expressions(value, dim, f"{key}.{name}", position_only)
         elif hasattr(value, "names"):
+            name = type(section).model_fields[name].alias or name
             value.key = f"{key}.{name}"
             if dim == 2 and "z" in value.names:
                 raise wrong(

@@ -8,6 +8,7 @@ from math import cos, hypot, radians, sin
 from operator import or_
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import (
     Field,
     GetCoreSchemaHandler,
@@ -19,6 +20,17 @@ from pydantic_core import CoreSchema
 from ..materials import ELASTIC, PERMEABILITY, ElasticLaw
 from ..materials.viscoelastic import Branch
 from ..registry import Parameter, Registry, parameters
+from .expressions import Expression
+from .fields import (
+    AS_GIVEN,
+    OR_FORMULA,
+    NumberField,
+    PoissonField,
+    PositiveField,
+    require,
+    require_within,
+    values,
+)
 from .types import ListOf, Number, Positive, Table, Tags, wrong
 
 PORE_LAWS = ("xie_leo", "ehlers_eipper")
@@ -100,17 +112,17 @@ class Solid(OfLaw):
     [kg/m^3]; branches of a generalized Maxwell body of a viscoelastic one.
     """
 
-    lambda_: Number | None = Field(None, alias="lambda")
-    mu: Positive | None = None
-    young: Positive | None = None
-    poisson: Annotated[Number, Field(gt=-1, lt=0.5)] | None = None
-    density: Positive
+    lambda_: NumberField | None = Field(None, alias="lambda")
+    mu: PositiveField | None = None
+    young: PositiveField | None = None
+    poisson: PoissonField | None = None
+    density: PositiveField
     prony: Annotated[tuple[MaxwellBranch, ...], ListOf(shortest=1)] | None = None
 
     @model_validator(mode="after")
     def _resolve_lame(self):
         """Set lambda = E nu / ((1 + nu)(1 - 2 nu)) and mu = E / (2 (1 + nu)); keep lambda and mu
-        where these are given.
+        where these are given, and formulas.
         """
         given = {
             name
@@ -120,6 +132,8 @@ class Solid(OfLaw):
         if given not in ({"lambda_", "mu"}, {"young", "poisson"}):
             names = ", ".join(sorted(name.rstrip("_") for name in given)) or "none of them"
             raise wrong(f"received {names}, expected either lambda and mu, or young and poisson")
+        if self.is_graded:
+            return self._require_law_of_fields()
         if given == {"lambda_", "mu"}:
             if 3 * self.lambda_ + 2 * self.mu <= 0:
                 raise wrong(
@@ -128,10 +142,47 @@ class Solid(OfLaw):
                     "lambda",
                 )
             return self
-        E = self.young
-        nu = self.poisson
-        lame = {"lambda_": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
+        lame = dict(zip(("lambda_", "mu"), _lame(self.young, self.poisson), strict=True))
         return self.model_copy(update=lame | {"young": None, "poisson": None})
+
+    @property
+    def is_graded(self) -> bool:
+        """Return whether a modulus is a field."""
+        moduli = self.lambda_, self.mu, self.young, self.poisson
+        return any(isinstance(entry, Expression) for entry in moduli)
+
+    def _require_law_of_fields(self):
+        of_law = parameters(ELASTIC[self.law])
+        stiff = next((name for name, entry in of_law.items() if entry.unit == "Pa"), None)
+        if stiff:
+            raise wrong(
+                f"received a formula with the law '{self.law}', whose '{stiff}' is a number,"
+                " expected numbers"
+            )
+        return self
+
+    def lame(self, X: np.ndarray) -> tuple[Any, Any]:
+        """Return λ and μ [Pa] at points X (n, d) [m], (n, 1) of fields; raise InputError where the
+        moduli are none.
+        """
+        if self.young is None:
+            lam, mu = values(self.lambda_, X), values(self.mu, X)
+        else:
+            E, nu = values(self.young, X), values(self.poisson, X)
+            require_within(self.young, E, X, above=0.0)
+            require_within(self.poisson, nu, X, above=-1.0, below=0.5)
+            lam, mu = _lame(E, nu)
+        require_within(self.mu, mu, X, above=0.0)
+        place = getattr(self.lambda_, "place", getattr(self.mu, "place", ""))
+        if self.is_graded:
+            bulk = lam + 2 / 3 * mu
+            require(bulk > 0, bulk, "a positive bulk modulus λ + 2/3 μ", place, X)
+        return lam, mu
+
+
+def _lame(E: Any, nu: Any) -> tuple[Any, Any]:
+    """Return λ and μ of Young's modulus and Poisson's ratio."""
+    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
 
 class Fluid(Table):
@@ -156,8 +207,8 @@ class Permeability(OfLaw):
     the plane; axes : directions of the first two, in space
     """
 
-    k: Positive | None = None
-    intrinsic: Positive | None = None
+    k: PositiveField | None = None
+    intrinsic: PositiveField | None = None
     anisotropy: Annotated[tuple[Positive, ...], ListOf(2, 3)] | None = None
     angle: Number | None = None
     axes: Annotated[tuple[Direction, ...], ListOf(2, 2)] | None = None
@@ -214,13 +265,16 @@ def _orthonormal(first, second):
     return a, b, tuple(a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3))
 
 
+PorosityField = Annotated[Number, Field(ge=THINNEST, lt=1), OR_FORMULA, AS_GIVEN]
+
+
 class Material(Table):
     """A saturated porous material of solid, fluid, initial porosity n_f and permeability; or a
     solid alone, or a fluid alone.
     """
 
     region: Tags
-    porosity: Annotated[Number, Field(ge=THINNEST, lt=1)] | None = None
+    porosity: PorosityField | None = None
     solid: Annotated[Solid | None, ByLaw(Solid, ELASTIC)] = None
     fluid: Fluid | None = None
     permeability: Annotated[Permeability | None, ByLaw(Permeability, PERMEABILITY)] = None
@@ -234,17 +288,48 @@ class Material(Table):
         return "porous" if self.solid else "fluid"
 
     @property
-    def mobility(self) -> float:
-        """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state, so that the drag is
-        S = n_f^2 / mobility.
+    def fields(self) -> dict[str, Expression]:
+        """Return key -> formula of the coefficients that are fields."""
+        entries: dict[str, Any] = {"porosity": self.porosity}
+        for name in ("solid", "permeability"):
+            table = getattr(self, name)
+            keys = type(table).model_fields if table else {}
+            entries |= {f"{name}.{keys[key].alias or key}": getattr(table, key) for key in keys}
+        return {key: entry for key, entry in entries.items() if isinstance(entry, Expression)}
+
+    def mobility_at(self, X: np.ndarray) -> Any:
+        """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state at points X (n, d)
+        [m], so that the drag is S = n_f^2 / mobility; (n, 1) of a field.
         """
         law = self.permeability
         fluid = self.fluid
         assert law and fluid  # a solid or a fluid alone has no mobility
         # of each pair both are there, by `_mobility_known`
-        if law.k is not None:
-            return law.k / fluid.specific_weight  # type: ignore[operator]
-        return law.intrinsic / fluid.viscosity  # type: ignore[operator]
+        given, over = (
+            (law.k, fluid.specific_weight)
+            if law.k is not None
+            else (law.intrinsic, fluid.viscosity)
+        )
+        found = values(given, X)
+        require_within(given, found, X, above=0.0)
+        return found / over
+
+    def porosity_at(self, X: np.ndarray) -> Any:
+        """Return n_f at points X (n, d) [m], (n, 1) of a field; 0 without pores."""
+        found = values(self.porosity, X)
+        require_within(self.porosity, found, X, at_least=THINNEST, below=1.0)
+        if isinstance(self.porosity, Expression):
+            expected = f"less than the biot_coefficient {self.biot_coefficient:g}"
+            admissible = (found < self.biot_coefficient) | (self.biot_coefficient == 1.0)
+            require(admissible, found, expected, self.porosity.place, X)
+        return 0.0 if found is None else found
+
+    def density_at(self, X: np.ndarray) -> Any:
+        """Return ρ_sR [kg/m³] at points X (n, d) [m], (n, 1) of a field."""
+        assert self.solid  # nobody asks a fluid
+        found = values(self.solid.density, X)
+        require_within(self.solid.density, found, X, above=0.0)
+        return found
 
     @model_validator(mode="after")
     def _complete(self):
@@ -276,18 +361,25 @@ class Material(Table):
         """Refuse parameters that the law refuses together."""
         if self.solid:
             try:
-                self.elastic_law()
+                compacts = self.elastic_law().compacts
             except ValueError as error:
                 raise wrong(str(error), "solid") from error
+            if compacts and isinstance(self.porosity, Expression):
+                text = f"received a formula with the law '{self.solid.law}', expected a number"
+                raise wrong(f"{text}, with which the law has one compaction point", "porosity")
         return self
 
-    def elastic_law(self) -> ElasticLaw:
-        """Return the law of the solid with its parameters."""
+    def elastic_law(self, lam: float | None = None, mu: float | None = None) -> ElasticLaw:
+        """Return the law of the solid with its parameters, and with other λ and μ [Pa] if they are
+        given; without, a law with fields has those of unity.
+        """
         solid = self.solid
         assert solid  # nobody asks a fluid
         prony = tuple(Branch(entry.modulus, entry.time) for entry in solid.prony or ())
-        n_s0 = 1 - (self.porosity or 0.0)
-        return ELASTIC[solid.law](solid.lambda_, solid.mu, n_s0, prony, **solid.of_law())
+        n_s0 = 0.0 if isinstance(self.porosity, Expression) else 1 - (self.porosity or 0.0)
+        if lam is None or mu is None:
+            lam, mu = (1.0, 1.0) if solid.is_graded else (solid.lambda_, solid.mu)
+        return ELASTIC[solid.law](lam, mu, n_s0, prony, **solid.of_law())
 
     @model_validator(mode="after")
     def _constituents_agree(self):
@@ -309,7 +401,7 @@ class Material(Table):
                 " isotropic one beside compressible grains; leave it out",
                 "biot_coefficient",
             )
-        elif self.biot_coefficient <= self.porosity:
+        elif isinstance(self.porosity, float) and self.biot_coefficient <= self.porosity:
             raise wrong(
                 f"received {self.biot_coefficient:g}, expected more than the porosity"
                 f" {self.porosity:g}",

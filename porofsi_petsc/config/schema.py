@@ -227,6 +227,9 @@ class Scene(Table):
         for i, boundary in enumerate(self.boundary):
             check_expressions(boundary, self.dim, f"boundary.{i}")
             check_axes(boundary.equal_displacement, self.dim, f"boundary.{i}.equal_displacement")
+        for i, material in enumerate(self.material):
+            check_expressions(material, self.dim, f"material.{i}", position_only=True)
+            self._check_fields(material, i)
         for i, tie in enumerate(self.tie):
             check_axes(tie.components, self.dim, f"tie.{i}.components")
         if isinstance(self.body_force, BodyForce):
@@ -236,6 +239,7 @@ class Scene(Table):
                 check_expressions(force, self.dim, f"body_force.{i}")
         self._check_loads()
         check_expressions(self.initial, self.dim, "initial", position_only=True)
+        self._check_initial_stress()
         self._check_kinds()
         self._check_anisotropy()
         self._check_interfaces()
@@ -249,6 +253,47 @@ class Scene(Table):
         self._check_reference()
         self._check_expectations()
         return self
+
+    def _check_initial_stress(self):
+        """Refuse an initial stress without a solid, out of the plane, or under a law that has to
+        know it.
+        """
+        given = self.initial.stress.components(self.dim)
+        if not given:
+            return
+        key = "initial.stress"
+        if not self.phases[0]:
+            raise wrong("received one without a solid; leave it out", key)
+        if self.dim == 2 and any(pair in given for pair in ((0, 2), (1, 2))):
+            raise wrong("received xz or yz in a two-dimensional scene; leave them out", key)
+        if self.reference:
+            raise wrong(
+                f"received one with [reference] '{self.reference.solution}', which has none; leave"
+                " one of the two out",
+                key,
+            )
+        for material in self.material:
+            law = material.elastic_law() if material.solid else None
+            if law and law.memory and not law.prony:
+                raise wrong(
+                    f"received one with the law '{material.solid.law}', whose state depends on the"
+                    " whole stress, expected an elastic one",
+                    key,
+                )
+
+    def _check_fields(self, material, i):
+        """Refuse coefficients that are fields where what asks for them knows numbers alone."""
+        key = next(iter(material.fields), None)
+        if key and not self.is_porous and self.phases[1]:
+            raise wrong(
+                "received a formula beside a free fluid, expected a number", f"material.{i}.{key}"
+            )
+        if key and self.reference:
+            raise wrong(
+                f"received a formula with [reference] '{self.reference.solution}', whose material"
+                " is uniform; leave the section out and give [[expect]]",
+                f"material.{i}.{key}",
+            )
 
     def _check_loads(self):
         """Refuse loads without a solid, of another dimension, and along lines in a plane."""

@@ -88,7 +88,8 @@ def distinct(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
-def _expression(value: Any, info: ValidationInfo) -> Expression:
+def expression(value: Any, info: ValidationInfo) -> Expression:
+    """Return the `Expression` of an entry."""
     if isinstance(value, Expression):
         return value
     try:
@@ -199,7 +200,7 @@ Scaling = Annotated[Any, PlainValidator(_positive_or("optimal"))]
 Coefficient = Annotated[Any, PlainValidator(_positive_or("auto"))]
 Switch = Annotated[Any, PlainValidator(_switch)]
 Formula = Annotated[
-    Expression, PlainValidator(_expression), PlainSerializer(lambda expression: expression.source)
+    Expression, PlainValidator(expression), PlainSerializer(lambda expression: expression.source)
 ]
 
 

@@ -53,6 +53,7 @@ class Domain:
         chosen = np.flatnonzero(np.isin(mesh.cell_region, numbers))
         permutation = chosen[np.argsort(mesh.cell_region[chosen], kind="stable")]
         self.cells = np.ascontiguousarray(mesh.cells[permutation])
+        self.cell_numbers = permutation  # of the rows, in the mesh
         self.row_of_cell = np.full(len(mesh.cells), -1)  # number in the mesh -> row here
         self.row_of_cell[permutation] = np.arange(len(permutation))
         self.owned = mesh.cell_owned[permutation]

@@ -33,6 +33,7 @@ class Surface:
         self._owned = facets.owned[behind]
         self._regions = [mesh.regions[number] for number in mesh.cell_region[cells]]
         self._materials = materials
+        self._cells = cells
         self._mesh = mesh
 
     def rule(self, degree: int) -> Rule:
@@ -60,8 +61,11 @@ class Surface:
 
     def of_material(self, name: str) -> np.ndarray:
         """Return an attribute of the material behind the facets, (F, 1)."""
-        values = [getattr(self._materials[region], name) for region in self._regions]
-        return np.array(values, dtype=float)[:, None]
+        values = np.empty((len(self._regions), 1))
+        for region in set(self._regions):
+            here = np.array([name == region for name in self._regions])
+            values[here] = getattr(self._materials[region].at(self._cells[here]), name)
+        return values
 
     def sum(self, values: np.ndarray) -> float:
         """Return the sum of values (F,) over the facets of all ranks (collective)."""

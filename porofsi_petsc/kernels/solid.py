@@ -244,9 +244,13 @@ def stored_energy(
     return (law.energy(displacement_gradient(G0, u, hoop)) * dV0).sum(axis=1)
 
 
-def inertia_residual(N: np.ndarray, dV0: np.ndarray, rho_s: float, a: np.ndarray) -> np.ndarray:
-    """Return ∫ ρ_s w·a dV0, (E, A, d) [N], for nodal accelerations a (E, A, d)."""
-    return test_value(N, dV0, rho_s * (N @ a))
+def inertia_residual(
+    N: np.ndarray, dV0: np.ndarray, rho_s: float | np.ndarray, a: np.ndarray
+) -> np.ndarray:
+    """Return ∫ ρ_s w·a dV0, (E, A, d) [N], for nodal accelerations a (E, A, d); ρ_s a number or (E,
+    1) [kg/m³].
+    """
+    return test_value(N, dV0, np.expand_dims(rho_s, -1) * (N @ a))
 
 
 def coupling_residual(
@@ -325,9 +329,13 @@ def _turn(d, resistance, D):
         D[0, d + i] = total
 
 
-def body_residual(N: np.ndarray, dV0: np.ndarray, rho_s: float, b: np.ndarray) -> np.ndarray:
-    """Return -∫ ρ_s b·w dV0, (E, A, d) [N], for the acceleration b (E, Q, d) [m/s²]."""
-    return test_value(N, dV0, -rho_s * b)
+def body_residual(
+    N: np.ndarray, dV0: np.ndarray, rho_s: float | np.ndarray, b: np.ndarray
+) -> np.ndarray:
+    """Return -∫ ρ_s b·w dV0, (E, A, d) [N], for the acceleration b (E, Q, d) [m/s²]; ρ_s a number
+    or (E, 1) [kg/m³].
+    """
+    return test_value(N, dV0, -np.expand_dims(rho_s, -1) * b)
 
 
 def mass_tangent(N: np.ndarray, weights: np.ndarray, dim: int) -> np.ndarray:

@@ -62,13 +62,15 @@ def lsic_viscosity(N: np.ndarray, rho: np.ndarray, c: np.ndarray, h: np.ndarray)
 STATIC_PART = 0.3
 
 
-def grid_compliance(E_c: float, size: np.ndarray, inertia: float) -> np.ndarray:
+def grid_compliance(
+    E_c: float | np.ndarray, size: np.ndarray, inertia: float | np.ndarray
+) -> np.ndarray:
     """Return Σ_i max(1/(4 E_c/h_i² + c_a ρ), 0.3 h_i²/(4 E_c)) e_i e_i, (E, d, d) [m⁴/N]; times α²
     it is τ_u.
 
     size : (E, d, d) [m²] with eigenvalues h_i² along e_i, see `fem.geometry.element_size_tensor`;
-    inertia = c_a ρ [kg/(m³ s²)], ρ = ρ_s + ρ_f; α is the part of the pressure gradient that moves
-    the skeleton
+    E_c [Pa] and inertia = c_a ρ [kg/(m³ s²)], ρ = ρ_s + ρ_f, numbers or (E, 1); α is the part of
+    the pressure gradient that moves the skeleton
     """
     h2, e = np.linalg.eigh(size)
     compliance = np.maximum(1 / (4 * E_c / h2 + inertia), STATIC_PART * h2 / (4 * E_c))

@@ -158,13 +158,18 @@ def _inflow(N, normal, rho, beta, c):
 
 
 def traction_load(
-    N: np.ndarray, G: np.ndarray, normal: np.ndarray, v: np.ndarray, p: np.ndarray, mu: float
+    N: np.ndarray,
+    G: np.ndarray,
+    normal: np.ndarray,
+    v: np.ndarray,
+    p: np.ndarray,
+    mu: float | np.ndarray,
 ) -> np.ndarray:
     """Return ∮ N_a (-p I + μ (∇v + ∇vᵀ)) n dA, (F, A, d) [N], of the stress in the cells behind
     facets.
 
     N (Q, A), G (F, Q, A, d) of the cells at the facets' points; normal (F, Q, d) outward normal
-    times dA; v (F, A, d), p (F, A), mu [Pa s]
+    times dA; v (F, A, d), p (F, A), mu a number or (F, 1, 1) [Pa s]
     """
     gradient = np.swapaxes(v, 1, 2)[:, None] @ G
     viscous = (gradient + np.swapaxes(gradient, 2, 3)) @ normal[..., None]

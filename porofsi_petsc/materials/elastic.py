@@ -50,6 +50,15 @@ class ElasticLaw:
         return self.lam + 2 * self.mu
 
     @property
+    def largest_ratio(self) -> float:
+        """Return λ/μ [-], the largest one of a law with fields."""
+        return self.lam / self.mu
+
+    def at(self, cells: slice | np.ndarray) -> ElasticLaw:
+        """Return the law of some cells of the mesh, by their numbers: the same for all."""
+        return self
+
+    @property
     def axes(self) -> tuple[np.ndarray, ...]:
         """Return the unit vectors (3,) of an anisotropic law."""
         return ()

@@ -24,15 +24,17 @@ class PorousMaterial:
     anisotropy : principal axes of the permeability, with factors of k_f or K; None without any
     viscosity : μ_f [Pa s], zero where the Brinkman term is left out
     variable_porosity : n_s = n_s0/J, else n_s = n_s0
+    n_s0, rho_sR, drag0 : numbers, or fields (n, 1) over all cells of the mesh, NaN in other
+    regions, as the moduli of the law may be; `at` is the material of some cells, for points (E, Q)
     biot : α, the part of the pressure that the skeleton bears against; fluid_compliance : 1/K_f
     [1/Pa]
     """
 
     elastic: ElasticLaw | None
-    n_s0: float
-    rho_sR: float
+    n_s0: Any
+    rho_sR: Any
     rho_fR: float
-    drag0: float
+    drag0: Any
     permeability: PermeabilityLaw = Constant()
     viscosity: float = 0.0
     variable_porosity: bool = False
@@ -53,6 +55,30 @@ class PorousMaterial:
     def dense_solid(cls, elastic: ElasticLaw, rho: float) -> PorousMaterial:
         """Return a solid without pores; rho [kg/m^3]."""
         return cls(elastic, 1.0, rho, 0.0, 0.0)
+
+    def at(self, cells: slice | np.ndarray) -> PorousMaterial:
+        """Return the material of some cells of the mesh, by their numbers; itself without
+        fields.
+        """
+        fields = {
+            name: getattr(self, name)[cells]
+            for name in ("n_s0", "rho_sR", "drag0")
+            if np.ndim(getattr(self, name))
+        }
+        elastic = self.elastic and self.elastic.at(cells)
+        if not fields and elastic is self.elastic:
+            return self
+        return replace(self, elastic=elastic, **fields)
+
+    @property
+    def resists(self) -> bool:
+        """Return whether there is a drag."""
+        return bool(np.ndim(self.drag0) or self.drag0)
+
+    @property
+    def has_pores(self) -> bool:
+        """Return whether there are a skeleton and a fluid in it."""
+        return bool(np.ndim(self.n_s0) or 0 < self.n_s0 < 1)
 
     @property
     def is_free_fluid(self) -> bool:
@@ -130,16 +156,16 @@ class PorousMaterial:
         return n * self.fluid_compliance + (self.biot - n) * (1 - self.biot) / bulk
 
     @property
-    def diffusivity(self) -> float:
+    def diffusivity(self) -> Any:
         """Return c_v = (k_f/γ_fR)/(S + α²/E_c) along the most permeable axis in the reference
         configuration [m²/s].
         """
         assert self.elastic is not None  # nobody asks a fluid
         compliance = self.biot**2 / self.elastic.oedometer_modulus
-        return self.mobility / (float(self.storage(np.ones(()))) + compliance)
+        return self.mobility / (self.storage(np.ones(np.shape(self.n_s0))) + compliance)
 
     @property
-    def mobility(self) -> float:
+    def mobility(self) -> Any:
         """Return k_f/γ_fR = K/μ_f along the most permeable axis in the reference configuration
         [m^4/(N s)].
         """
@@ -155,28 +181,28 @@ class PorousMaterial:
         return np.ones(J.shape, dtype=bool)
 
     @property
-    def rho_s(self) -> float:
+    def rho_s(self) -> Any:
         """Return the skeleton's partial density in the reference configuration, n_s0 ρ_sR
         [kg/m^3].
         """
         return self.n_s0 * self.rho_sR
 
     @property
-    def rho_f(self) -> float:
+    def rho_f(self) -> Any:
         """Return the fluid's partial density in the reference configuration, n_f ρ_fR [kg/m^3]."""
         return (1 - self.n_s0) * self.rho_fR
 
     @property
-    def confined_modulus(self) -> float:
+    def confined_modulus(self) -> Any:
         """Return λ + 2μ [Pa], 0 without a skeleton."""
         return self.elastic.oedometer_modulus if self.elastic else 0.0
 
     @property
-    def undrained_modulus(self) -> float:
+    def undrained_modulus(self) -> Any:
         """Return λ + 2μ + α²/S [Pa] of compressible constituents, λ + 2μ of others."""
         if not (self.elastic and self.is_compressible):
             return self.confined_modulus
-        return self.confined_modulus + self.biot**2 / float(self.storage(np.ones(())))
+        return self.confined_modulus + self.biot**2 / self.storage(np.ones(np.shape(self.n_s0)))
 
     @property
     def shear_modulus(self) -> float:

@@ -58,6 +58,6 @@ class ElasticSolid(SolidPhase):
         """
         configuration = self.mesh_state().configuration
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            drag = self.setup.materials[region].drag(configuration.J[chunk])
+            drag = self.setup.material(region, chunk).drag(configuration.J[chunk])
             geometry = configuration.geometry.part(chunk)
             yield chunk, exchange.solid_by_drag(self.domain.mass.N, geometry, drag)

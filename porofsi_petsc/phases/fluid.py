@@ -250,7 +250,7 @@ class FluidPhase:
     # -- coefficients ------------------------------------------------------------------------------
 
     def _elements(self, region, chunk, configuration):
-        material = self.setup.materials[region]
+        material = self.setup.material(region, chunk)
         setup = self.setup
         J = configuration.J[chunk]
         n = material.fluid_fraction(J)
@@ -265,7 +265,7 @@ class FluidPhase:
             geometry=configuration.geometry.part(chunk),
             n=n,
             rho=n * material.rho_fR,
-            drag=material.drag(J) if material.drag0 else None,
+            drag=material.drag(J) if material.resists else None,
             mu=material.viscosity,
             tau=setup.pspg * stabilization.tau[chunk],
             tau_supg=setup.supg * stabilization.tau[chunk],
@@ -491,7 +491,7 @@ class FluidPhase:
         domain = self.domain
         kinetic = np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             J = mesh_state.configuration.J[chunk]
             rho = material.fluid_fraction(J) * material.rho_fR
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)

@@ -142,7 +142,7 @@ class FreeFluid(FluidPhase):
             np.linalg.norm(field, axis=-1) for field in (v, v - mesh_state.mesh_velocity)
         )
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             geometry = mesh_state.configuration.geometry.part(chunk)
             g = np.linalg.norm(geometry.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
             flux = (
@@ -167,7 +167,7 @@ class FreeFluid(FluidPhase):
         """
         least = np.inf
         for region, span in self.domain.region_slices.items():
-            material = self.setup.materials[region]
+            material = self.setup.material(region, span)
             g = self._steepness[span]
             least = min(
                 least,
@@ -249,7 +249,7 @@ class FreeFluid(FluidPhase):
         """
         fields = self._trial_fields(mesh_state)
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            if self.setup.materials[region].drag0:
+            if self.setup.material(region, chunk).resists:
                 elements = self._elements(region, chunk, mesh_state.configuration)
                 yield chunk, exchange.flow_by_drag(elements, fields.on(chunk), rates.c_v)
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..fem.domain import Domain
 from ..kernels.solid import displacement_gradient
 from ..materials.elastic import ElasticLaw
+from .initial_stress import InitialStress
 
 ARRAY = "cell_internal"  # name in a checkpoint, with a row for each cell
 
@@ -21,8 +22,14 @@ class InternalVariables:
     after a part of the step; they are integrated to its end when it is accepted.
     """
 
-    def __init__(self, domain: Domain, laws: Mapping[str, ElasticLaw]) -> None:
-        """Start at rest without strain; laws : region -> law."""
+    def __init__(
+        self,
+        domain: Domain,
+        laws: Mapping[str, ElasticLaw],
+        initial: InitialStress | None = None,
+    ) -> None:
+        """Start at rest without strain; laws : region -> law; initial : a stress beside theirs."""
+        self._initial = initial
         self._domain = domain
         self._laws = laws
         self._size = max((law.memory for law in laws.values()), default=0)
@@ -36,7 +43,9 @@ class InternalVariables:
 
     def law(self, law: ElasticLaw, chunk: slice, duration: float) -> Any:
         """Return the law of some elements at their points, a time [s] after the accepted state."""
-        return law.after(self._values[chunk, :, : law.memory], duration) if law.memory else law
+        if law.memory:
+            law = law.after(self._values[chunk, :, : law.memory], duration)
+        return self._initial.law(law, chunk) if self._initial else law
 
     def law_at(self, law: ElasticLaw, rows: Any, N: np.ndarray | None = None) -> Any:
         """Return the law of some elements in the accepted state at their nodes, or at points with
@@ -44,7 +53,12 @@ class InternalVariables:
 
         The variables there are the linear ones next to those of the points.
         """
-        return law.after(self.at(law, rows, N), 0.0) if law.memory else law
+        if law.memory:
+            law = law.after(self.at(law, rows, N), 0.0)
+        if self._initial is None:
+            return law
+        nodes = np.eye(len(self._domain.element.node_coordinates))
+        return self._initial.law(law, rows, nodes if N is None else N)
 
     def at(self, law: ElasticLaw, rows: Any, N: np.ndarray | None = None) -> np.ndarray:
         """Return the variables of a law with memory in some elements at their nodes, or at points
@@ -71,7 +85,7 @@ class InternalVariables:
         """Integrate them over a time [s] that ends with the displacement u (n_local, d) [m]."""
         domain = self._domain
         for region, chunk in domain.chunks(doubles_per_cell):
-            law = self._laws[region]
+            law = self._laws[region].at(domain.cell_numbers[chunk])
             if law.memory:
                 part = domain.reference_stiffness.part(chunk)
                 H = displacement_gradient(part.G, domain.gather(u, chunk), part.hoop)

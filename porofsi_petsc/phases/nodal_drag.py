@@ -87,7 +87,7 @@ def _at_points(domain, materials, configuration, of):
     J = configuration.J
     values = np.empty((*J.shape, *(domain.dim,) * 2) if tensors else J.shape)
     for region, span in domain.region_slices.items():
-        here = of(materials[region], J[span], span)
+        here = of(materials[region].at(domain.cell_numbers[span]), J[span], span)
         values[span] = scaled_identity(here, domain.dim) if here.ndim < values.ndim else here
     return values
 

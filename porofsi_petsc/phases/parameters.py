@@ -46,7 +46,7 @@ class StabilizationParameters:
         positions = domain.mesh.X + mesh_state.displacement if setup.moving_mesh else domain.mesh.X
         for region, chunk in domain.chunks(shape[1] * domain.cells.shape[1] * domain.dim):
             configuration = mesh_state.configuration
-            material = setup.materials[region]
+            material = setup.material(region, chunk)
             self._momentum(
                 chunk,
                 material,

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from ..clock import Scheme
 from ..conditions import Slope
@@ -75,7 +76,7 @@ class PoreFluid(FluidPhase):
         stored = np.zeros((domain.n_owned, 1))
         N = domain.mass.N
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             geometry = state.configuration.geometry.part(chunk)
             S = material.storage(state.configuration.J[chunk])
             of_elements = storage.stored_volume(N, geometry, S, domain.gather(rate, chunk))
@@ -117,7 +118,7 @@ class PoreFluid(FluidPhase):
         ones = np.ones((domain.n_cells, domain.cells.shape[1]))
         of_cells = np.ones((domain.n_cells, 1))
         for region, span in domain.region_slices.items():
-            of_cells[span] = self.setup.materials[region].biot
+            of_cells[span] = self.setup.material(region, span).biot
         total, count = (domain.scatter_add(values)[:, 0] for values in (of_cells * ones, ones))
         mean = np.divide(total, count, out=np.ones_like(total), where=count > 0)
         return self.mesh.halo.extend(mean[:, None])[:, 0]
@@ -129,7 +130,7 @@ class PoreFluid(FluidPhase):
         domain = self.domain
         stored = np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            S = self.setup.materials[region].storage(mesh_state.configuration.J[chunk])
+            S = self.setup.material(region, chunk).storage(mesh_state.configuration.J[chunk])
             p = domain.gather(self.p, chunk) @ domain.mass.N.T
             dV = mesh_state.configuration.geometry.dV[chunk]
             stored[chunk] = 0.5 * (S * p**2 * dV).sum(axis=1)
@@ -181,10 +182,32 @@ class PoreFluid(FluidPhase):
         return values
 
     def force_per_rate(self, rates: Rates) -> float:
-        """Return infinity: the drag and the skeleton resist, whatever force there is; see
-        `FreeFluid.force_per_rate`.
+        """Return the least force on the fluid over the volume flux it goes with, 1/(n_f g/S +
+        c_v/(E_c g)) [N s/m³], see `FreeFluid.force_per_rate` (collective).
+
+        A force F of a node is a seepage n_f g F/S, or moves the skeleton by F/(E_c V g²): what is
+        left of pressure and weight that cancel, in ground at rest, is the round-off of these.
         """
-        return np.inf
+        seepage, motion = self._rates_per_force
+        least = (1 / (seepage + rates.c_v * motion)).min(initial=np.inf)
+        return self.mesh.comm.allreduce(least, MPI.MIN)
+
+    @cached_property
+    def _rates_per_force(self):
+        """Return n_f g/S [m³/(N s)] and 1/(E_c g) [m³/N] of the elements in the reference, (E,)
+        each.
+        """
+        domain = self.domain
+        found = np.empty((2, domain.n_cells))
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material = self.setup.material(region, chunk)
+            g = np.linalg.norm(domain.reference.part(chunk).G, axis=-1).sum(axis=2)
+            steepness = g.max(axis=1, initial=0.0)
+            rest = np.ones((len(g), 1))
+            S = material.drag(rest).smallest[:, 0]
+            found[0, chunk] = material.fluid_fraction(rest)[:, 0] * steepness / S
+            found[1, chunk] = 1 / (np.ravel(material.confined_modulus) * steepness)
+        return found
 
     def drag_along(self, change: np.ndarray) -> None:
         """Add what the drag does to v_f when v_s changes, (n_local, d) [m/s], while the pressure is
@@ -210,7 +233,7 @@ class PoreFluid(FluidPhase):
     def _complete(self, K, elements, region, chunk, mesh_state, rates):
         """Add what the skeleton answers, in the corrected split."""
         if self.setup.split == "corrected":
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             self._add_skeleton_answer(K, elements, material, mesh_state, rates, chunk)
 
     def _balance_tangents(self, mesh_state, rates, fields, surfaces, components):
@@ -219,7 +242,7 @@ class PoreFluid(FluidPhase):
         found = super()._balance_tangents(mesh_state, rates, fields, surfaces, components)
         for region, chunk, elements, K in found:
             if self._compressible:
-                S = self.setup.materials[region].storage(mesh_state.configuration.J[chunk])
+                S = self.setup.material(region, chunk).storage(mesh_state.configuration.J[chunk])
                 c_p = self.scheme.c_v
                 stored = storage.storage_tangent(elements.N, elements.geometry, S, c_p)
                 K[:, :, d, :, d] += stored
@@ -269,7 +292,7 @@ class PoreFluid(FluidPhase):
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, mesh_state.configuration)
             K = exchange.flow_by_skeleton(elements, fields.on(chunk), rates.c_v, moving)
-            alpha = self.setup.materials[region].biot
+            alpha = self.setup.material(region, chunk).biot
             if alpha != 1.0:
                 by_p = storage.grain_tangent(elements.N, elements.geometry, alpha)
                 K[:, :, -1] -= rates.c_v * np.moveaxis(by_p, 3, 1)
@@ -286,7 +309,7 @@ class PoreFluid(FluidPhase):
             elements = self._elements(region, chunk, mesh_state.configuration)
             J = mesh_state.configuration.J[chunk]
             derivatives = shape.VolumeDerivatives(
-                *self.setup.materials[region].volume_derivatives(J)
+                *self.setup.material(region, chunk).volume_derivatives(J)
             )
             yield chunk, shape.flow_by_geometry(elements, fields.on(chunk), derivatives)
 

@@ -21,6 +21,7 @@ from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
 from ..materials.elastic import ElasticLaw
 from ..materials.porous import PorousMaterial
+from .initial_stress import InitialStress
 from .loads import BodyForce, ConcentratedLoad
 from .surface_terms import OnSurface
 
@@ -44,6 +45,10 @@ class PhaseSetup:
     direct: bool
     stopwatch: Stopwatch
     surfaces: tuple[OnSurface, ...] = ()
+
+    def material(self, region: str, rows: slice | np.ndarray) -> PorousMaterial:
+        """Return the material of some elements of a region."""
+        return self.materials[region].at(self.domain.cell_numbers[rows])
 
     @property
     def has_followers(self) -> bool:
@@ -98,12 +103,13 @@ class SolidSetup(PhaseSetup):
     """Common to the skeleton and a solid without pores: essential displacement.
 
     reaction : whether the force on its boundary is kept from step to step; loads : on points and
-    lines
+    lines; initial_stress : beside that of the laws
     """
 
     dirichlet: Dirichlet
     reaction: bool = False
     loads: tuple[ConcentratedLoad, ...] = ()
+    initial_stress: InitialStress | None = None
 
     @property
     def mask(self) -> np.ndarray:

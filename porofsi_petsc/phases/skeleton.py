@@ -27,7 +27,7 @@ class Skeleton(SolidPhase):
         domain = self.domain
         geometry = self.mesh_state().configuration.geometry
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            alpha = self.setup.materials[region].biot
+            alpha = self.setup.material(region, chunk).biot
             if alpha != 1.0:
                 p = domain.gather(flow.pressure, chunk)
                 force = storage.grain_force(domain.mass.N, geometry.part(chunk), alpha, p)
@@ -80,7 +80,7 @@ class Skeleton(SolidPhase):
         configuration = self.mesh_state().configuration
         surfaces = self.surfaces.exchanges(self._surface_state, Slope(1.0, rates.c_v))
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             J = configuration.J[chunk]
             n = material.fluid_fraction(J)
             geometry = configuration.geometry.part(chunk)
@@ -100,7 +100,7 @@ class Skeleton(SolidPhase):
         p = domain.gather(flow.pressure)
         w = domain.gather(flow.velocity - self.velocity)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             J = configuration.J[chunk]
             n = material.fluid_fraction(J)
             drag = material.drag(J)

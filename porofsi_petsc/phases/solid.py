@@ -69,7 +69,7 @@ class SolidPhase:
         self.v = np.zeros(shape)
         self.a = np.zeros(shape)
         self._u1, self._v1, self._a1 = self.u.copy(), self.v.copy(), self.a.copy()
-        self.internal = InternalVariables(self.domain, self._laws)
+        self.internal = InternalVariables(self.domain, self._laws, setup.initial_stress)
         self._rule = TangentRule(self.is_linear)
         self._configuration: Configuration | None = None
         self._accepted_configuration: Configuration | None = None
@@ -108,7 +108,7 @@ class SolidPhase:
         with it by λ; of a tangent that is old nothing is left then.
         """
         return any(
-            law.lam > NEARLY_INCOMPRESSIBLE * law.mu
+            law.largest_ratio > NEARLY_INCOMPRESSIBLE
             for law in self._laws.values()
             if not law.small_strain
         )
@@ -202,7 +202,7 @@ class SolidPhase:
         )
         admissible = np.ones(configuration.J.shape, dtype=bool)
         for region, span in self.domain.region_slices.items():
-            admissible[span] = self.setup.materials[region].open_pores(configuration.J[span])
+            admissible[span] = self.setup.material(region, span).open_pores(configuration.J[span])
         self.domain.require(admissible, self._compacted)
         return configuration
 
@@ -286,7 +286,7 @@ class SolidPhase:
         relative = flow.velocity - self.velocity
         terms = {name: np.zeros(self.unknowns.shape) for name in ("pressure", "drag")}
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             current = configuration.geometry.part(chunk)
             p = domain.gather(flow.pressure, chunk)
             w = domain.gather(relative, chunk)
@@ -313,7 +313,7 @@ class SolidPhase:
                 self.scheme.acceleration_level(self.a, self._a1) if setup.inertia else None
             )
             for region, chunk in domain.chunks(self._doubles_per_cell):
-                material = setup.materials[region]
+                material = setup.material(region, chunk)
                 stiffness = domain.reference_stiffness.part(chunk)
                 nodal = domain.gather(u, chunk)
                 law = self._collocated_law(material.elastic, chunk)
@@ -333,11 +333,9 @@ class SolidPhase:
 
     def _collocated_law(self, law, chunk):
         """Return the law of some elements on the collocation level."""
-        if not self.internal:
-            return law
         if law.plastic and self._elastic:
             law = law.unyielding
-        duration = self.scheme.alpha_f * self.scheme.duration
+        duration = self.scheme.alpha_f * self.scheme.duration if self.internal else 0.0
         return self.internal.law(law, chunk, duration)
 
     @property
@@ -355,7 +353,7 @@ class SolidPhase:
         domain = self.domain
         b = body_acceleration(domain, self.setup.body_force, t)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            rho_s = self.setup.materials[region].rho_s
+            rho_s = self.setup.material(region, chunk).rho_s
             domain.add(
                 nodal,
                 chunk,
@@ -389,9 +387,9 @@ class SolidPhase:
         values = np.empty(self.domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             stiffness = domain.reference_stiffness.part(chunk)
-            modulus = self.setup.materials[region].elastic.oedometer_modulus
+            modulus = self.setup.material(region, chunk).elastic.oedometer_modulus
             g = np.linalg.norm(stiffness.G, axis=-1).sum(axis=2).max(axis=1, initial=0.0)
-            values[chunk] = stiffness.dV.sum(axis=1) * modulus * g**2
+            values[chunk] = stiffness.dV.sum(axis=1) * np.ravel(modulus) * g**2
         return values
 
     def require_orientation(self) -> None:
@@ -513,7 +511,7 @@ class SolidPhase:
         """
         domain = self.domain
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             stiffness = domain.reference_stiffness.part(chunk)
             fields = [
                 None if field is None else domain.gather(field, chunk) for field in (u, before)
@@ -619,18 +617,18 @@ class SolidPhase:
         kinetic = np.zeros(domain.n_cells)
         elastic = np.zeros(domain.n_cells)
         for region, chunk in domain.chunks(self._doubles_per_cell):
-            material = self.setup.materials[region]
+            material = self.setup.material(region, chunk)
             stiffness = domain.reference_stiffness.part(chunk)
             nodal = domain.gather(self.u, chunk)
+            law = self._laws[region].at(domain.cell_numbers[chunk])
             elastic[chunk] = kernel.stored_energy(
                 stiffness.G,
                 stiffness.dV,
-                self.internal.law(self._laws[region], chunk, 0.0),
+                self.internal.law(law, chunk, 0.0),
                 nodal,
                 stiffness.hoop,
             )
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
-            kinetic[chunk] = (
-                0.5 * material.rho_s * (speed2 * domain.reference.dV[chunk]).sum(axis=1)
-            )
+            mass = speed2 * domain.reference.dV[chunk]
+            kinetic[chunk] = 0.5 * np.ravel(material.rho_s) * mass.sum(axis=1)
         return domain.sum_owned(kinetic) if self.setup.inertia else 0.0, domain.sum_owned(elastic)

@@ -163,7 +163,7 @@ class SurfaceForce:
             for number, nodes in enumerate(domain.element.facets):
                 here = np.flatnonzero((self._local == number) & (region[self._rows] == i))
                 rows = self._rows[here]
-                loads = self._loads_of_stress(nodes, self._setup.materials[name], state, rows)
+                loads = self._loads_of_stress(nodes, self._setup.material(name, rows), state, rows)
                 parts[here] = -loads[:, list(nodes)]
         return parts
 

@@ -35,7 +35,7 @@ class MixtureForce(SolidForce):
         moved = self._domain.mesh.X + (state.u if self._setup.moving_mesh else 0.0)
         v = self._domain.gather(state.v, rows)
         p = self._domain.gather(state.p, rows)
-        viscosity = (1 - material.n_s0) * material.viscosity
+        viscosity = np.expand_dims(1 - material.n_s0, -1) * material.viscosity
         return effective + traction_load(*self._trace(nodes, moved, rows), v, p, viscosity)
 
 
@@ -58,4 +58,4 @@ class SeepageFlow(SurfaceForce):
     def _loads_of_stress(self, nodes, material, state, rows):
         N, _, normal = self._trace(nodes, self._positions(state), rows)
         w = self._domain.gather(state.c, rows)
-        return -flux_load(N, normal, (1 - material.n_s0) * w)
+        return -flux_load(N, normal, np.expand_dims(1 - material.n_s0, -1) * w)

@@ -3,7 +3,10 @@ distributed mesh.
 """
 
 from collections.abc import Collection, Iterable
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from mpi4py import MPI
 
 from ..accelerators import ACCELERATORS
 from ..conditions import CONDITIONS
@@ -21,7 +24,9 @@ from ..fem.surface import Surface
 from ..linalg.stopwatch import Stopwatch
 from ..materials import PERMEABILITY
 from ..materials.drag import Anisotropy
+from ..materials.graded import graded
 from ..materials.porous import PorousMaterial
+from ..phases.initial_stress import InitialStress
 from ..phases.loads import BodyForce
 from ..phases.surface_terms import OnSurface
 from ..registry import parameters
@@ -38,31 +43,94 @@ MONOLITHIC = ("quasi_direct", "direct")
 
 
 def materials_of(scene: Scene, mesh: LocalMesh) -> dict[str, PorousMaterial]:
-    """Return dict region -> PorousMaterial, without the "auto" terms of the model."""
+    """Return dict region -> PorousMaterial, without the "auto" terms of the model (collective).
+
+    A coefficient that is a field has the value at the centre of a cell in all of it.
+    """
     return {
-        region: material_of(entry, scene.model)
+        region: _in_regions(entry, scene, mesh, regions)
         for entry in scene.material
-        for region in (mesh.regions if entry.region == ("all",) else entry.region)
+        for regions in [mesh.regions if entry.region == ("all",) else entry.region]
+        for region in regions
     }
 
 
-def material_of(entry: Material, model: Model) -> PorousMaterial:
-    """Return what a [[material]] is under a [model]."""
+def _in_regions(entry, scene, mesh, regions):
+    """Return the material of an entry in the cells of its regions (collective)."""
+    if not entry.fields:
+        return material_of(entry, scene.model)
+    numbers = [mesh.regions.index(region) for region in regions]
+    cells = np.flatnonzero(np.isin(mesh.cell_region, numbers))
+    centres = mesh.X[mesh.cells[cells]].mean(axis=1)
+    try:
+        found, reason = Coefficients.of(entry, centres), None
+    except InputError as error:
+        found, reason = None, str(error)
+    reasons = [text for text in mesh.comm.allgather(reason) if text]
+    if reasons or found is None:
+        raise InputError(f"{scene.source_path or 'scene'} {reasons[0]}")
+    lam, mu = found.moduli
+    ratio = mesh.comm.allreduce(float(np.max(lam / mu, initial=-np.inf)), MPI.MAX)
+    n_cells = len(mesh.cells)
+    return material_of(entry, scene.model, found.over(cells, n_cells), ratio)
+
+
+class Coefficients(NamedTuple):
+    """Those of a material that may be fields, numbers or (n, 1): porosity, λ and μ [Pa], density of
+    the solid [kg/m³] and mobility [m^4/(N s)].
+    """
+
+    porosity: Any
+    moduli: tuple[Any, Any]
+    density: Any
+    mobility: Any
+
+    @classmethod
+    def of(cls, entry: Material, X: np.ndarray) -> "Coefficients":
+        """Return those of a material with a solid at points X (n, d) [m]."""
+        assert entry.solid  # nobody asks a fluid
+        mobility = entry.mobility_at(X) if entry.permeability else np.inf
+        return cls(entry.porosity_at(X), entry.solid.lame(X), entry.density_at(X), mobility)
+
+    def over(self, cells: np.ndarray, n_cells: int) -> "Coefficients":
+        """Return fields over all cells of a mesh, NaN in others than those of the points."""
+
+        def everywhere(values):
+            if not np.ndim(values):
+                return values
+            found = np.full((n_cells, 1), np.nan)
+            found[cells] = values
+            return found
+
+        moduli = everywhere(self.moduli[0]), everywhere(self.moduli[1])
+        return Coefficients(
+            everywhere(self.porosity), moduli, everywhere(self.density), everywhere(self.mobility)
+        )
+
+
+def material_of(
+    entry: Material, model: Model, given: Coefficients | None = None, ratio: float = 0.0
+) -> PorousMaterial:
+    """Return what a [[material]] is under a [model].
+
+    given : coefficients of an entry with fields, over all cells; ratio : its largest λ/μ
+    """
     solid, fluid, permeability = entry.solid, entry.fluid, entry.permeability
     viscosity = (fluid.viscosity or 0.0) if fluid and model.viscosity is True else 0.0
     if not solid:
         assert fluid  # a material has one of them
         return PorousMaterial.free_fluid(fluid.density, viscosity)
-    elastic = entry.elastic_law()
+    given = given or Coefficients.of(entry, np.zeros((0, 1)))
+    elastic = _elastic_law(entry, given.moduli, ratio)
     if not fluid:
-        return PorousMaterial.dense_solid(elastic, solid.density)
+        return PorousMaterial.dense_solid(elastic, given.density)
     assert permeability  # with both of them
     return PorousMaterial(
         elastic=elastic,
-        n_s0=elastic.n_s0,
-        rho_sR=solid.density,
+        n_s0=1 - given.porosity,
+        rho_sR=given.density,
         rho_fR=fluid.density,
-        drag0=1 / entry.mobility,
+        drag0=1 / given.mobility,
         permeability=PERMEABILITY[permeability.law](**permeability.of_law()),
         viscosity=viscosity,
         variable_porosity=model.porosity == "variable",
@@ -70,6 +138,21 @@ def material_of(entry: Material, model: Model) -> PorousMaterial:
         biot=entry.biot_coefficient,
         fluid_compliance=1 / fluid.bulk_modulus if fluid.bulk_modulus else 0.0,
     )
+
+
+def _elastic_law(entry, moduli, ratio):
+    """Return the law of an entry, a `Graded` one where λ and μ are fields."""
+    solid = entry.solid
+    if not solid.is_graded:
+        return entry.elastic_law()
+    number = solid.poisson if isinstance(solid.poisson, float) else None
+    try:
+        return graded(entry.elastic_law, *moduli, ratio, number)
+    except ValueError as error:
+        key = next(key for key in entry.fields if key.startswith("solid."))
+        place = entry.fields[key].place
+        advice = "expected young as a formula and poisson as a number, or numbers"
+        raise InputError(f"{place}{error}, {advice}") from None
 
 
 def _anisotropy(permeability):
@@ -107,6 +190,16 @@ class Builder:
         self.stopwatch = stopwatch
         self.materials = materials_of(scene, mesh)
         self.load_factor = LoadFactor() if scene.time.scheme == "steady" else None
+
+    def initial_stress(self, domain: Domain) -> InitialStress | None:
+        """Return the initial stress of the solids of a domain, None without one."""
+        given = self.scene.initial.stress.components(self.scene.dim)
+
+        def times(factor, formula):
+            return lambda t, x: factor * formula(t, x)
+
+        formulas = {pair: times(*entry) for pair, entry in given.items()}
+        return InitialStress(domain, formulas) if formulas else None
 
     def medium(self) -> Medium:
         """Return the coupling scheme with its phases (collective)."""

@@ -269,6 +269,7 @@ class InterfaceBuilder(Builder):
             dirichlet=self.displacement(self._solid_tags),
             surfaces=surfaces,
             loads=concentrated_loads(self.scene, domain, self.components),
+            initial_stress=self.initial_stress(domain),
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             reaction=not all(

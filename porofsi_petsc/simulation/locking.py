@@ -4,6 +4,8 @@ and of one that flows, which lock.
 
 from pathlib import Path
 
+import numpy as np
+
 from ..config import Scene
 from ..config.material import Solid
 from ..errors import InputError, digits
@@ -26,7 +28,7 @@ def require_no_locking(scene: Scene, mesh: Mesh, where: str | Path) -> None:
                 ' "report"'
             )
         solid = material.solid if material.kind == "solid" else None
-        if solid and (nu := poisson(solid)) > bound:
+        if solid and (nu := _largest_poisson(solid, mesh, material.region)) > bound:
             raise InputError(
                 f"{where} [material.{i}.solid]: received a Poisson ratio of {digits(nu)} on linear"
                 f" elements, expected {digits(bound)} at most, because they lock: displacements"
@@ -34,6 +36,16 @@ def require_no_locking(scene: Scene, mesh: Mesh, where: str | Path) -> None:
                 " mesh file of second order), or set limits.locking to a larger bound or to"
                 ' "report"'
             )
+
+
+def _largest_poisson(solid, mesh, regions):
+    """Return the largest Poisson ratio in the cells of some regions."""
+    if not solid.is_graded:
+        return poisson(solid)
+    chosen = [i for i, name in enumerate(mesh.regions) if regions == ("all",) or name in regions]
+    cells = mesh.cells[np.isin(mesh.cell_region, chosen)]
+    lam, mu = solid.lame(mesh.points[cells].mean(axis=1))
+    return round(np.max(lam / (2 * (lam + mu))), 12)
 
 
 def poisson(solid: Solid) -> float:

@@ -148,7 +148,7 @@ class Measures:
         for region, span in self._fluid.region_slices.items():
             if span.stop > span.start:
                 values[span, 0] = (
-                    self._materials[region]
+                    self._at(self._fluid, region, span)
                     .fluid_fraction(mesh_state.configuration.J[span])
                     .mean(axis=1)
                 )
@@ -191,7 +191,8 @@ class Measures:
             H = three_dimensional(
                 displacement_gradient(nodes.G, domain.gather(u, chunk), nodes.hoop)
             )
-            law = self._coupling.solid.internal.law_at(self._materials[region].elastic, chunk)
+            material = self._at(self._solid, region, chunk)
+            law = self._coupling.solid.internal.law_at(material.elastic, chunk)
             found = tensor(law, H)
             pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
             values[chunk] = np.stack([found[..., i, j] for i, j in pairs], axis=-1)
@@ -393,8 +394,8 @@ class Measures:
         J = self._volume_ratio(step.u)
         c = domain.gather(step.v_f - step.v_m if model.moving_mesh else step.v_f)
         for region, span in domain.region_slices.items():
-            material = self._materials[region]
-            n = self._materials[region].fluid_fraction(J[span])
+            material = self._at(self._fluid, region, span)
+            n = material.fluid_fraction(J[span])
             rho = n * material.rho_fR
             viscous = 4 * n * material.viscosity / domain.h[span, None] ** 2
             resistance = (
@@ -419,10 +420,15 @@ class Measures:
         largest = max(residual.largest_force(), least)
         return norm / largest if largest else 0.0
 
+    def _at(self, domain, region, rows):
+        """Return the material of some elements of a domain."""
+        return self._materials[region].at(domain.cell_numbers[rows])
+
     def _lumped_mass(self, domain, density):
         weights = np.zeros(domain.n_cells)
         for region, span in domain.region_slices.items():
-            weights[span] = density(self._materials[region]) * domain.reference.dV[span].sum(axis=1)
+            rho = np.ravel(density(self._at(domain, region, span)))
+            weights[span] = rho * domain.reference.dV[span].sum(axis=1)
         A = domain.cells.shape[1]
         return domain.scatter_add(np.repeat(weights[:, None] / A, A, axis=1)[..., None])[:, 0]
 
@@ -430,8 +436,9 @@ class Measures:
         J = 1 + det_minus_one(self._gradients(u, self._fluid))
         change = np.zeros(self._fluid.n_cells)
         for region, span in self._fluid.region_slices.items():
-            n_s0 = self._materials[region].n_s0
-            change[span] = np.abs(n_s0 * (1 - 1 / J[span])).max(axis=1, initial=0.0) / (1 - n_s0)
+            n_s0 = self._at(self._fluid, region, span).n_s0
+            largest = np.abs(n_s0 * (1 - 1 / J[span])).max(axis=1, initial=0.0)
+            change[span] = largest / (1 - np.ravel(n_s0))
         return self._maximum(change)
 
     def _brinkman_ratio(self, u):
@@ -443,7 +450,7 @@ class Measures:
                     *entry.region,
                     region if entry.region == ("all",) else None,
                 ):
-                    material = self._materials[region]
+                    material = self._at(self._fluid, region, span)
                     h = self._fluid.h[span, None]
                     viscous = 4 * material.fluid_fraction(J[span]) * entry.fluid.viscosity / h**2
                     ratio[span] = (viscous / material.drag(J[span]).smallest).max(

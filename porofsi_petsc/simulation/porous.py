@@ -60,6 +60,7 @@ class PorousBuilder(Builder):
             dirichlet=self.displacement(),
             surfaces=surfaces,
             loads=concentrated_loads(scene, self.domain, self.components),
+            initial_stress=self.initial_stress(self.domain),
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,
             reaction=self._is_kept,

@@ -47,7 +47,7 @@ def preview(scene: Scene, coupling: AnyMedium, measures: Measures) -> str:
         _time(scene.time),
     ]
     lines += [*_diffusion(scene, coupling), *_waves(scene, coupling), *_flow(scene, coupling)]
-    return "\n".join([*lines, *_loads(scene, coupling)])
+    return "\n".join([*lines, *_loads(scene, coupling), *_initial_stress(scene, coupling)])
 
 
 def _size(mesh, coupling):
@@ -117,10 +117,11 @@ def _diffusion(scene, coupling):
     drained = _drained(scene, domain)
     where = cKDTree(np.vstack(domain.mesh.comm.allgather(domain.mesh.X[drained])))
     for region, material in _present(scene, domain):
-        if 0 < material.n_s0 < 1:
-            c_v = material.diffusivity
+        if material.has_pores:
+            c_v, largest = _extremes(domain, region, material.diffusivity)
             layer = np.sqrt(c_v * scene.time.step)
             where_most = " along the most permeable axis" if material.anisotropy else ""
+            where_most += f" to {largest:.3g} m²/s; of the least" if largest > c_v else ""
             line = (
                 f"{region}: c_v = {c_v:.3g} m²/s{where_most}, the first step drains {layer:.3g} m"
             )
@@ -177,7 +178,10 @@ def _waves(scene, coupling):
     domain = coupling.solid.domain
     found = _present(scene, domain)
     if scene.model.solid_inertia is True and found:
-        speeds = [np.sqrt(m.elastic.oedometer_modulus / _density(m)) for _, m in found]
+        speeds = [
+            _extremes(domain, region, np.sqrt(m.elastic.oedometer_modulus / _density(m)))[1]
+            for region, m in found
+        ]
         number = max(
             c * scene.time.step / _element_sizes(domain, [r])[0]
             for c, (r, _) in zip(speeds, found, strict=True)
@@ -228,7 +232,7 @@ def _loads(scene, coupling):
     name = max(loads, key=loads.get)
     yield f"largest load: {loads[name]:.3g} Pa ({name})"
     moduli = {
-        region: _young(material.elastic)
+        region: _extremes(coupling.solid.domain, region, _young(material.elastic))[0]
         for region, material in _present(scene, coupling.solid.domain)
     }
     softest = min(moduli, key=moduli.get, default=None)
@@ -238,6 +242,24 @@ def _loads(scene, coupling):
             f" {loads[name] / moduli[softest]:.2g} times: compare their units, both are in Pa (5e6,"
             " not 5, for 5 MPa)"
         )
+
+
+def _initial_stress(scene, coupling):
+    """Yield the line on an initial stress: what it leaves of the loads of the first step."""
+    if not scene.initial.stress.components(scene.dim):
+        return
+    schemes, rates = Clock(scene.time).next_schemes(at_start(scene).model)
+    accepted = coupling.accepted_mesh_state()
+    coupling.solid.begin_step(schemes[0], 0.0)
+    coupling.fluid.begin_step(schemes[1], rates, 0.0, accepted)
+    flow = coupling.flow(coupling.fluid.residual(coupling.mesh_state()))
+    residual, largest = coupling.solid.residual(flow).norms()
+    coupling.reset()
+    share = residual / largest if largest else 0.0
+    yield (
+        f"initial stress: at rest it is out of balance with pressure and loads of the first step by"
+        f" {share:.2g} of the largest force of the solid"
+    )
 
 
 def _surface_loads(scene, coupling):
@@ -274,7 +296,9 @@ def _weights(scene, coupling, gravity):
     domain = coupling.solid.domain
     if not domain.regions:
         return {}
-    density = max(material.rho_s for _, material in _present(scene, domain))
+    density = max(
+        _extremes(domain, region, material.rho_s)[1] for region, material in _present(scene, domain)
+    )
     return {"weight": density * float(np.max(gravity["solid"] * _sides(domain, domain.regions)))}
 
 
@@ -315,13 +339,26 @@ def _largest(scene, mesh, expression, X):
 
 
 def _present(scene, domain):
-    """Return (region, material) of the regions of a domain that have a skeleton."""
+    """Return (region, material) of the regions of a domain that have a skeleton, the material that
+    of its elements.
+    """
     materials = materials_of(at_start(scene), domain.mesh)
     return [
-        (region, materials[region])
+        (region, materials[region].at(domain.cell_numbers[domain.region_slices[region]]))
         for region in domain.regions
         if not materials[region].is_free_fluid
     ]
+
+
+def _extremes(domain, region, values):
+    """Return the least and the largest of values of the elements of a region, (E, 1); of a number
+    itself twice (collective).
+    """
+    if not np.ndim(values):
+        return values, values
+    comm = domain.mesh.comm
+    least = comm.allreduce(values.min(initial=np.inf), MPI.MIN)
+    return least, comm.allreduce(values.max(initial=-np.inf), MPI.MAX)
 
 
 def _density(material):

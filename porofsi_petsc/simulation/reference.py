@@ -79,7 +79,14 @@ class Soil:
         material = material_of(entry, scene.model)
         S = float(material.storage(np.ones(())))
         densities = solid.density, fluid.density
-        return cls(elastic, *densities, entry.mobility, solid.law, material.biot, S)
+        return cls(
+            elastic,
+            *densities,
+            entry.mobility_at(np.zeros((0, scene.dim))),
+            solid.law,
+            material.biot,
+            S,
+        )
 
     @property
     def lam(self) -> float:

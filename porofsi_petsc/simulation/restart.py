@@ -146,6 +146,7 @@ def _scene_of(header):
 def _fixed(scene, other):
     """Return the tables of a scene (as TOML) that another one must have too."""
     fixed = {section: scene.get(section) for section in FIXED}
+    fixed["initial"] = {"stress": scene.get("initial", {}).get("stress")}  # acts at all times
     if "reference" in scene and "reference" in other:
         fixed["reference"] = {key: scene["reference"].get(key) for key in COMPARED}
     return fixed

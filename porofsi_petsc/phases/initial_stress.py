@@ -1,0 +1,48 @@
+"""The stress that a solid has at the start without strain, by formulas of position."""
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..fem.domain import Domain
+from ..materials.prestressed import Prestressed
+
+Component = tuple[int, int]
+
+
+class InitialStress:
+    """σ_0 at points of the elements of a solid, see `materials.prestressed`."""
+
+    def __init__(
+        self, domain: Domain, given: Mapping[Component, Callable[[float, np.ndarray], np.ndarray]]
+    ) -> None:
+        """Take formulas of (t, x) by component, those of the upper triangle; others are zero."""
+        self._domain = domain
+        self._given = given
+
+    def law(self, law: Any, rows: slice | np.ndarray, N: np.ndarray | None = None) -> Prestressed:
+        """Return the law of some elements with it at the points of the stress, or at others with
+        the shape functions N (P, A).
+        """
+        return Prestressed(law, self._at_points[rows] if N is None else self._values(rows, N))
+
+    @cached_property
+    def _at_points(self):
+        """Return σ_0 at the points of the stress, (E, Q', 3, 3) [Pa]."""
+        domain = self._domain
+        rule = domain.stiffness
+        N = rule.N
+        if domain.reference_stiffness.G.shape[1] == 1:  # one gradient, the mean of the points
+            N = (rule.weights @ N / rule.weights.sum())[None]
+        return self._values(slice(None), N)
+
+    def _values(self, rows, N):
+        """Return σ_0, (E, P, 3, 3) [Pa], at points with the shape functions N (P, A)."""
+        X = N @ self._domain.gather(self._domain.mesh.X, rows)
+        found = np.zeros((*X.shape[:2], 3, 3))
+        for (i, j), formula in self._given.items():
+            values = formula(0.0, X.reshape(-1, X.shape[-1])).reshape(X.shape[:2])
+            found[..., i, j] = found[..., j, i] = values
+        return found
