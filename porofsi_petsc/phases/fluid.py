@@ -311,6 +311,10 @@ class FluidPhase:
         change = np.abs(mesh_state.configuration.J / self._tangent_J - 1).max(initial=0.0)
         return self.mesh.comm.allreduce(float(change), MPI.MAX) > VOLUME_CHANGE
 
+    def has_switched(self) -> bool:
+        """Return whether a unilateral condition acts elsewhere than in the tangent (collective)."""
+        return False
+
     def expire_tangent(self) -> None:
         """Ask for a new tangent at the start of the next step."""
         self._rule.forget()
