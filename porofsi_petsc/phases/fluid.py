@@ -196,7 +196,8 @@ class FluidPhase:
         self._add_volume_terms(volume_terms)
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self.setup.velocity_free)
-        self._volume = Residual(comm, volume_terms, self.setup.pressure_free)
+        free = self.setup.pressure_free
+        self._volume = Residual(comm, volume_terms, free, self._penalties)
         return self._momentum, self._volume
 
     def _residual_fields(self, mesh_state):
@@ -209,6 +210,11 @@ class FluidPhase:
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
         """Add what the volume balance has beside the terms of the elements (collective)."""
+
+    @property
+    def _penalties(self) -> tuple[str, ...]:
+        """Return the terms of the volume balance that are penalties."""
+        return ()
 
     def _element_terms(self, chunk):
         """Return room for the terms of the residual of some elements, (E, A,

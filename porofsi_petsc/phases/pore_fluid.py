@@ -72,6 +72,10 @@ class PoreFluid(FluidPhase):
         if self._compressible:
             terms["storage"] = self._stored_volume(terms["skeleton"])
 
+    @property
+    def _penalties(self) -> tuple[str, ...]:
+        return ("flux",) if self.fluxes.is_unilateral else ()
+
     def _stored_volume(self, skeleton):
         """Return ∫ q S dp/dt, (n_owned, 1) [m³/s], and add what the grains take to the term of the
         skeleton.
