@@ -9,6 +9,7 @@ from .contract import check_condition
 from .flux import Flux
 from .impedance import Absorbing, Dashpot, Spring
 from .pressure import DeadPressure, FollowerPressure
+from .seepage import Seepage
 from .traction import DeadLoad, Traction
 from .windkessel import Windkessel
 
@@ -33,6 +34,7 @@ CONDITIONS = Registry(
         "dashpot": Dashpot,
         "absorbing": Absorbing,
         "flux": Flux,
+        "seepage": Seepage,
         "backflow": Backflow,
         "windkessel": Windkessel,
     },

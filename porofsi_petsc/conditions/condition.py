@@ -20,6 +20,10 @@ class Surface(Protocol):
     order: int  # of the shape functions
 
     @property
+    def depth(self) -> np.ndarray:
+        """Return the volume of the elements behind the facets over the areas of these, (F,) [m]."""
+
+    @property
     def X(self) -> np.ndarray:
         """Return the reference positions of the nodes, (F, Af, d) [m]."""
 
@@ -103,8 +107,9 @@ class SurfaceCondition:
     its tangent changes with the motion and need not be symmetric; holds : which displacements of
     the surface it resists, as a spring does, so that nothing else has to hold a body without
     inertia against them, "normal" and "tangential"; carries_pressure : whether the pore pressure is
-    part of its traction, so that it does not set the level of p; beside : conditions of other
-    balances that come with it, made of the parameters that they have in common
+    part of its traction, so that it does not set the level of p; unilateral : whether it has an
+    `active` set, (F, Q) bool of a state, with which its tangent changes; beside : conditions of
+    other balances that come with it, made of the parameters that they have in common
     """
 
     balance: ClassVar[Literal["momentum", "volume"]] = "momentum"
@@ -117,6 +122,7 @@ class SurfaceCondition:
     follows: ClassVar[bool] = False
     holds: ClassVar[Collection[str]] = ()
     carries_pressure: ClassVar[bool] = False
+    unilateral: ClassVar[bool] = False
     beside: "ClassVar[tuple[type[SurfaceCondition], ...]]" = ()
 
     def bind(self, surface: Surface) -> None:
@@ -133,12 +139,16 @@ class SurfaceCondition:
         raise NotImplementedError
 
     def tangent(self, state: State, slope: Slope) -> np.ndarray | None:
-        """Return the derivative of the residual on a facet by the unknown of its nodes, (F, Af, k,
-        Af, k), None where it is zero.
+        """Return the derivative of the residual on a facet by the unknown of its nodes, of the
+        volume balance by p, (F, Af, k, Af, k), None where it is zero.
 
         What else the residual depends on is left out: the iteration sees it.
         """
         return None
+
+    def active(self, state: State) -> np.ndarray:
+        """Return where a `unilateral` condition acts, (F, Q) bool."""
+        raise NotImplementedError
 
     def exchange(self, state: State, slope: Slope) -> np.ndarray | None:
         """Return the derivative on a facet by the unknown of the other phase of a porous medium: of

@@ -27,6 +27,7 @@ MATERIAL = {
     "drag0": 0.9,
     "undrained_modulus": 3.1,
     "shear_modulus": 1.7,
+    "mobility": 1.1,
 }
 BY = {"fluid": Slope(0.0, 1.0), "solid": Slope(1.0, 3.0), "porous": Slope(1.0, 3.0)}
 
@@ -62,6 +63,11 @@ class SampleSurface:
     def X(self) -> np.ndarray:
         """Return the reference positions of the nodes, (F, Af, d)."""
         return self._points[self.nodes]
+
+    @property
+    def depth(self) -> np.ndarray:
+        """Return the volumes behind the facets over their areas, (F,)."""
+        return np.full(len(self.nodes), 0.8)
 
     def rule(self, degree: int) -> _Rule:
         """Return the rule of a degree."""
@@ -135,8 +141,7 @@ def check_condition(condition: type[SurfaceCondition]) -> None:
         _check_memory(condition, dim, kind)
         if len(body.recorded()) != len(condition.columns):
             raise ValueError("`recorded` has not one value for each of `columns`")
-        if condition.balance == "momentum":
-            _check_tangent(condition, dim, kind)
+        _check_tangent(condition, dim, kind)
 
 
 def _check_class(condition):
@@ -211,15 +216,28 @@ def slopes(
     body = sample(condition, dim, kind)
     state = sample_state(dim)
     n = SampleSurface(dim).n
-    differences = np.empty((n, dim, n, dim))
-    for node in range(n):
-        for i in range(dim):
-            ends = [
-                _nodal(body, body.residual(_moved(kind, state, node, i, sign * STEP)))
-                for sign in (1, -1)
-            ]
-            differences[:, :, node, i] = (ends[0] - ends[1]) / (2 * STEP)
-    return _tangent(body, state, BY[kind]), differences.reshape(n * dim, n * dim)
+    k = _components(body, dim)
+    moved = _moved if body.balance == "momentum" else _pressed
+    differences = np.empty((n, k, n, k))
+    for node, i in np.ndindex(n, k):
+        ends = [
+            _nodal(body, body.residual(moved(kind, state, node, i, sign * STEP)))
+            for sign in (1, -1)
+        ]
+        differences[:, :, node, i] = (ends[0] - ends[1]) / (2 * STEP)
+    return _tangent(body, state, BY[kind]), differences.reshape(n * k, n * k)
+
+
+def _components(body, dim):
+    """Return how many the balance of a condition has."""
+    return dim if body.balance == "momentum" else 1
+
+
+def _pressed(kind, state, node, component, step):
+    """Return the state with another pressure."""
+    p = state.p.copy()
+    p[node] += step
+    return state._replace(p=p)
 
 
 def _moved(kind, state, node, component, step):
@@ -239,16 +257,16 @@ def _nodal(body, vectors):
 
 def _tangent(body, state, slope):
     n = body.surface.n
-    dim = state.u.shape[1]
-    total = np.zeros((n, dim, n, dim))
+    k = _components(body, state.u.shape[1])
+    total = np.zeros((n, k, n, k))
     local = body.tangent(state, slope)
     if local is not None:
-        i = np.arange(dim)
+        i = np.arange(k)
         for nodes, K in zip(body.surface.nodes, local, strict=True):
             places = np.ix_(nodes, i, nodes, i)
             total[places] += K
     coupled = body.low_rank(state, slope)
-    matrix = total.reshape(n * dim, n * dim)
+    matrix = total.reshape(n * k, n * k)
     if coupled is not None:
         b = _nodal(body, coupled.vectors).ravel()
         matrix = matrix + coupled.factor * np.outer(b, b)
@@ -259,7 +277,8 @@ def _check_tangent(condition, dim, kind):
     tangent, expected = slopes(condition, dim, kind)
     if condition.dead and expected.any():
         raise ValueError("it is `dead`, but its residual depends on more than the time")
-    if kind != "fluid" and not condition.follows and not _is_linear(condition, dim, kind):
+    free = kind == "fluid" or condition.follows or condition.unilateral
+    if not free and not _is_linear(condition, dim, kind):
         raise ValueError(
             "its tangent is not symmetric or not constant, as that of a load that `follows` is"
         )

@@ -99,10 +99,13 @@ class PartitionedMedium(Medium):
         has a new tangent in every sweep, by which none is another map.
         """
         if self._travel:
-            stale = self._travel.are_stale(rates, self.convergence.contraction)
+            moved = self._travel.are_stale(rates, self.convergence.contraction)
+            stale = self.fluid.has_switched() or moved
         else:
             stale = not self._linear and (
-                self.fluid.volume_has_changed(self.mesh_state()) or self._slow(iteration)
+                self.fluid.volume_has_changed(self.mesh_state())
+                or self.fluid.has_switched()
+                or self._slow(iteration)
             )
         if stale:
             self.fluid.renew_tangent(rates, self.mesh_state())

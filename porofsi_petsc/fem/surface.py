@@ -35,6 +35,13 @@ class Surface:
         self._materials = materials
         self._cells = cells
         self._mesh = mesh
+        self._domain = domain
+
+    @property
+    def depth(self) -> np.ndarray:
+        """Return the volume of the elements behind the facets over the areas of these, (F,) [m]."""
+        area = np.linalg.norm(self.normal(self.rule(2 * self.order)), axis=-1).sum(axis=1)
+        return self._domain.reference.dV[self.rows].sum(axis=1) / area
 
     def rule(self, degree: int) -> Rule:
         """Return the rule that is exact for polynomials of a degree, around an axis times r."""

@@ -196,7 +196,8 @@ class FluidPhase:
         self._add_volume_terms(volume_terms)
         comm = self.mesh.comm
         self._momentum = Residual(comm, momentum_terms, self.setup.velocity_free)
-        self._volume = Residual(comm, volume_terms, self.setup.pressure_free)
+        free = self.setup.pressure_free
+        self._volume = Residual(comm, volume_terms, free, self._penalties)
         return self._momentum, self._volume
 
     def _residual_fields(self, mesh_state):
@@ -209,6 +210,11 @@ class FluidPhase:
 
     def _add_volume_terms(self, terms: dict[str, np.ndarray]) -> None:
         """Add what the volume balance has beside the terms of the elements (collective)."""
+
+    @property
+    def _penalties(self) -> tuple[str, ...]:
+        """Return the terms of the volume balance that are penalties."""
+        return ()
 
     def _element_terms(self, chunk):
         """Return room for the terms of the residual of some elements, (E, A,
@@ -310,6 +316,10 @@ class FluidPhase:
             return False
         change = np.abs(mesh_state.configuration.J / self._tangent_J - 1).max(initial=0.0)
         return self.mesh.comm.allreduce(float(change), MPI.MAX) > VOLUME_CHANGE
+
+    def has_switched(self) -> bool:
+        """Return whether a unilateral condition acts elsewhere than in the tangent (collective)."""
+        return False
 
     def expire_tangent(self) -> None:
         """Ask for a new tangent at the start of the next step."""

@@ -18,7 +18,7 @@ from ..linalg.constrained import BlockMatrix
 from ..linalg.solver import LinearSolver
 from ..tensors import trace
 from .coupling_data import MeshState, Rates
-from .fluid import FluidPhase
+from .fluid import BY_VELOCITY, FluidPhase
 from .kept_force import KeptForce
 from .nodal_drag import drag_weight, dragged_part, product
 from .residual import Residual
@@ -46,7 +46,14 @@ class PoreFluid(FluidPhase):
         self._compressible = any(m.is_compressible for m in setup.materials.values())
         self._rate = np.zeros(self.mesh.n_local)  # dp/dt of the accepted level [Pa/s]
         self.fluxes = SurfaceTerms(self.mesh.n_owned, 1, setup.fluxes)
+        self._active = np.zeros(0, dtype=bool)  # where unilateral conditions act in the tangent
         self.kept = KeptForce(self.mesh.n_owned, self.mesh.dim + 1)
+
+    @property
+    def is_linear(self) -> bool:
+        """Return whether the tangent depends on nothing but the rates."""
+        unilateral = any(place.condition.unilateral for place in self.setup.fluxes)
+        return super().is_linear and not unilateral
 
     def _new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         return self.setup.linear_solver(matrix, operators=False)
@@ -64,6 +71,10 @@ class PoreFluid(FluidPhase):
         terms["flux"] = self.fluxes.residual(self._surface_state)
         if self._compressible:
             terms["storage"] = self._stored_volume(terms["skeleton"])
+
+    @property
+    def _penalties(self) -> tuple[str, ...]:
+        return ("flux",) if self.fluxes.is_unilateral else ()
 
     def _stored_volume(self, skeleton):
         """Return ∫ q S dp/dt, (n_owned, 1) [m³/s], and add what the grains take to the term of the
@@ -240,15 +251,26 @@ class PoreFluid(FluidPhase):
         """Yield the tangents of the balances, those of storage included."""
         d = self.mesh.dim
         found = super()._balance_tangents(mesh_state, rates, fields, surfaces, components)
+        fluxes = self.fluxes.tangents(self._state_of(mesh_state, fields), BY_VELOCITY)
         for region, chunk, elements, K in found:
             if self._compressible:
                 S = self.setup.material(region, chunk).storage(mesh_state.configuration.J[chunk])
                 c_p = self.scheme.c_v
                 stored = storage.storage_tangent(elements.N, elements.geometry, S, c_p)
                 K[:, :, d, :, d] += stored
+            fluxes.add_to(K, chunk, row=d, column=d)
             yield region, chunk, elements, K
 
+    def has_switched(self) -> bool:
+        """Return whether a unilateral condition acts elsewhere than in the tangent (collective)."""
+        if not self.fluxes.is_unilateral:
+            return False
+        now = self.fluxes.active(self._surface_state)
+        switched = not np.array_equal(now, self._active)
+        return self.mesh.comm.allreduce(switched, MPI.LOR)
+
     def _prepare_solver(self, mesh_state, rates, fields):
+        self._active = self.fluxes.active(self._state_of(mesh_state, fields))
         self._chi = self.dragged_part(mesh_state, rates)
 
     def _add_skeleton_answer(self, values, elements, material, mesh_state, rates, chunk):
@@ -335,6 +357,11 @@ class PoreFluid(FluidPhase):
         holds.
         """
         return self.kept.collocated[:, self.mesh.dim :]
+
+    @property
+    def collocated_pressure(self) -> np.ndarray:
+        """Return p on the collocation level of the accepted step, (n_local,) [Pa]."""
+        return self._p0
 
     def accept(self) -> None:
         """Make the trial state the accepted one (collective)."""

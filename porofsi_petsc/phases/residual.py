@@ -1,7 +1,7 @@
 """A residual as the sum of named terms on the owned nodes of a rank."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from mpi4py import MPI
@@ -26,11 +26,17 @@ class Residual:
         comm: MPI.Comm,
         terms: dict[str, np.ndarray],
         free: Callable[[np.ndarray], np.ndarray],
+        penalties: Collection[str] = (),
     ) -> None:
-        """Store the terms; free(array) returns a copy whose prescribed rows are zero."""
+        """Store the terms; free(array) returns a copy whose prescribed rows are zero.
+
+        penalties : terms that say nothing of the size of the others: an iterate that violates what
+        they hold makes them as large as their factor
+        """
         self._comm = comm
         self.terms = terms
         self._free = free
+        self._penalties = frozenset(penalties)
 
     @property
     def total(self) -> np.ndarray:
@@ -50,8 +56,8 @@ class Residual:
         return functools.reduce(np.add, terms)
 
     def vectors(self) -> list[np.ndarray]:
-        """Return the total and the terms on free rows, each (n_owned, k)."""
-        return [self.total, *map(self._free, self.terms.values())]
+        """Return the total and the terms on free rows but penalties, each (n_owned, k)."""
+        return [self.total, *map(self._free, self._sizes)]
 
     def norms(self) -> tuple[float, float]:
         """Return (norm of the total, largest norm of a term), Euclidean over all ranks
@@ -61,10 +67,15 @@ class Residual:
         return total, max(terms)
 
     def largest_force(self) -> float:
-        """Return the largest norm of a term over all rows and ranks, those of prescribed values
-        included (collective).
+        """Return the largest norm of a term but penalties over all rows and ranks, those of
+        prescribed values included (collective).
         """
-        return max(euclidean_norms(self._comm, list(self.terms.values())))
+        return max(euclidean_norms(self._comm, self._sizes))
+
+    @property
+    def _sizes(self):
+        """Return the terms that say how large forces are."""
+        return [term for name, term in self.terms.items() if name not in self._penalties]
 
     def power(self, velocity: np.ndarray) -> dict[str, float]:
         """Return name -> term · velocity over all rows and ranks, velocity (n_owned, k)

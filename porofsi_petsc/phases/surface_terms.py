@@ -63,6 +63,16 @@ class SurfaceTerms:
         state = state._replace(accepted=True)
         return tuple((place.surface.nodes, place.condition.residual(state)) for place in self)
 
+    @property
+    def is_unilateral(self) -> bool:
+        """Return whether a condition acts on one side alone."""
+        return any(place.condition.unilateral for place in self)
+
+    def active(self, state: State) -> np.ndarray:
+        """Return where the unilateral conditions act, one after the other, (n,) bool."""
+        found = [p.condition.active(state).ravel() for p in self if p.condition.unilateral]
+        return np.concatenate(found) if found else np.zeros(0, dtype=bool)
+
     def tangents(self, state: State, slope: Slope) -> "SurfaceTangents":
         """Return the derivative of `residual` by the unknown of the phase (collective)."""
         live = [place for place in self.places if not place.condition.dead]

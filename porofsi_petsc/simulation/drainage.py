@@ -35,14 +35,17 @@ def require_one_drainage(scene: Scene, mesh: LocalMesh) -> None:
                 for name in ("velocity", "displacement")
                 for c, e in _vector(boundary, name)
             }
-            tags[tag] |= {name: i for name in {"pressure", "flux"} & set(boundary.given())}
+            tags[tag] |= {
+                name: i for name in {"pressure", "seepage", "flux"} & set(boundary.given())
+            }
     for tag, given in sorted(tags.items()):
         velocity = {key[1]: entry for key, entry in given.items() if key[0] == "velocity"}
         if not velocity or not holds_normal(mesh, tag, sorted(velocity)):
             continue
         place = f"{where} [boundary.{velocity[min(velocity)][0]}.velocity]: tag '{tag}'"
-        if "pressure" in given:
-            first = f"boundary.{given['pressure']}.pressure"
+        drained = [name for name in ("pressure", "seepage") if name in given]
+        if drained:
+            first = f"boundary.{given[drained[0]]}.{drained[0]}"
             text = (
                 f"has {first}, which lets the fluid flow as it will, beside the normal velocity;"
                 " remove one of the two"

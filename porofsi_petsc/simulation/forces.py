@@ -133,7 +133,9 @@ class PorousFlows(_OfPorousMedia):
             self._find()
         outflow = fluid.collocated_outflow if collocated else fluid.outflow
         known = solid.mesh.comm.allreduce(bool(outflow.any()), MPI.LOR)
-        given = fluid.fluxes.given(OnSurfaces(t, solid.u, fluid.v, v_s=solid.v))
+        given = fluid.fluxes.given(
+            OnSurfaces(t, solid.u, fluid.v, p=fluid.collocated_pressure, v_s=solid.v)
+        )
         if not known:
             return np.zeros(len(self._surfaces))
         state = porous_state(self._coupling, outflow, t)._replace(given=given)

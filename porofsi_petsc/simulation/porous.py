@@ -78,12 +78,14 @@ class PorousBuilder(Builder):
         self._require_pressure_level(free, drained)
         loaded = [tag for tag in free if tag not in self._rigid_tags()]
         require_one_drainage(scene, mesh)
+        fluxes = self.surfaces(self.domain, "volume", mesh.facets)
+        self._require_contracting_split(fluxes)
         inertia = model.solid_inertia or model.fluid_inertia
         return PoreFluidSetup(
             moving_mesh=model.moving_mesh,
             velocity=self.dirichlet(mesh.dim, self.essentials("velocity")),
             pressure=self.dirichlet(1, pressures),
-            fluxes=self.surfaces(self.domain, "volume", mesh.facets),
+            fluxes=fluxes,
             no_slip=no_slip_nodes(scene, mesh),
             stress_nodes=nodes_of(mesh, [tag for tag in loaded if tag in drained]),
             free_surface=weak_zero_on(self.domain, [tag for tag in loaded if tag not in drained]),
@@ -112,6 +114,19 @@ class PorousBuilder(Builder):
         if choice.scheme in MONOLITHIC:
             return "corrected"
         return "scaled" if choice.mass_scaling is not None else choice.split
+
+    def _require_contracting_split(self, fluxes):
+        """Raise InputError where a condition that acts on one side alone meets a split whose
+        iterates stray: their volume rates would be the scale of the convergence test.
+        """
+        places = [place for place in fluxes if place.condition.unilateral]
+        if places and self._split != "corrected":
+            key = places[0].key.rpartition(":")[0]
+            raise InputError(
+                f"{self.scene.source_path or 'scene'} [{key}]: received the {self._split} split of"
+                " [coupling], expected split = 'corrected' without mass_scaling, or a monolithic"
+                " scheme, beside a condition that acts on one side alone"
+            )
 
     def _free_tags(self):
         """Return the surfaces on which the normal stress is given, not the displacement, and the
