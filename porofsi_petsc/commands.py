@@ -250,6 +250,12 @@ def list_command() -> None:
 @cli.command()
 @click.argument("cases", nargs=-1, metavar="[CASE]...")
 @click.option("--quick", is_flag=True, help="Only the cases of a few seconds.")
+@click.option(
+    "--suite",
+    type=click.Choice(["program", "cases"]),
+    default="program",
+    help="cases: the public problems of docs/cases.md.",
+)
 @click.option("--json", "as_text", is_flag=True, help="Print the checks as JSON.")
 @click.option(
     "--output",
@@ -260,7 +266,12 @@ def list_command() -> None:
 )
 @click.pass_context
 def verify(
-    context: click.Context, cases: tuple[str, ...], quick: bool, as_text: bool, output: Path
+    context: click.Context,
+    cases: tuple[str, ...],
+    quick: bool,
+    suite: str,
+    as_text: bool,
+    output: Path,
 ) -> None:
     """Compare with exact solutions.
 
@@ -272,7 +283,7 @@ def verify(
     from .simulation import verify as verify_cases
     from .simulation.verify import as_json
 
-    checks = verify_cases(cases, output, quick)
+    checks = verify_cases(cases, output, quick, suite)
     if job.comm.rank == 0:
         _show(as_json(checks) if as_text else checks_table(checks))
     missed = [check for check in checks if not check.passed]

@@ -30,6 +30,7 @@ from .reference import FLOWS, Reference
 from .sections import (
     LIMIT_OF,
     PERIODIC,
+    Community,
     Coupling,
     Expect,
     Figures,
@@ -66,6 +67,8 @@ class Scene(Table):
     """
 
     title: Text
+    community: Community | None = None
+    source: Text = ""
     description: Text = ""
     mesh: MeshSection
     limits: Limits = Limits()
@@ -252,6 +255,7 @@ class Scene(Table):
         self._check_lines()
         self._check_reference()
         self._check_expectations()
+        self._check_public()
         return self
 
     def _check_initial_stress(self):
@@ -294,6 +298,17 @@ class Scene(Table):
                 " is uniform; leave the section out and give [[expect]]",
                 f"material.{i}.{key}",
             )
+
+    def _check_public(self):
+        """Refuse a public problem that says not where it is from, or expects no value."""
+        if self.community is None:
+            return
+        if not any(kind in self.source for kind in ("doi:", "https://", "ISBN ")):
+            text = "expected a citation with 'doi:', 'https://' or 'ISBN ' beside community"
+            raise wrong(f"received {shown(self.source)}, {text}", "source")
+        if not self.expect:
+            text = "expected one or more [[expect]] with the values of the source"
+            raise wrong(f"received '{self.community}' without any, {text}", "community")
 
     def _check_loads(self):
         """Refuse loads without a solid, of another dimension, and along lines in a plane."""

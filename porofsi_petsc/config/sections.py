@@ -33,6 +33,15 @@ from .types import (
 FINEST_ERROR = 1e-12
 LONGEST_LINE = 100_000  # points, each a row of a table
 Quantity = Annotated[Text, OneOf(QUANTITIES, *BUILT_IN)]
+Community = Literal[
+    "consolidation",
+    "soil dynamics",
+    "biphasic tissue",
+    "fluid-structure interaction",
+    "haemodynamics",
+    "viscous flow",
+    "solid mechanics",
+]  # of the public problems of docs/cases.md
 OfSurface = Annotated[Text, OneOf(SURFACES)]
 
 

@@ -4,13 +4,14 @@ which their errors fall.
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mpi4py import MPI
 
-from ..config import load_scene
+from ..config import list_scenes, load_scene
+from ..config.toml import read_toml
 from ..errors import ConvergenceError, ExpectationError, InputError
 from ..linalg.options import start
 from ..output.files import on_root
@@ -228,25 +229,43 @@ CASES = {
 }
 
 
-def verify(names: Sequence[str], directory: Path, quick: bool = False) -> list[Check]:
-    """Run the named cases (all without a name, the short ones when quick) and return their checks
-    (collective).
+def public_problems() -> dict[str, SceneCase]:
+    """Return the shipped scenes with a `community`, of docs/cases.md, by name."""
+    return {
+        name: SceneCase(name)
+        for name, _, path in list_scenes()
+        if read_toml(path).get("community") is not None
+    }
+
+
+# name of a suite -> its cases, by name
+SUITES: dict[str, Callable[[], dict[str, SceneCase | OrderCase]]] = {
+    "program": lambda: CASES,
+    "cases": public_problems,
+}
+
+
+def verify(
+    names: Sequence[str], directory: Path, quick: bool = False, suite: str = "program"
+) -> list[Check]:
+    """Run the named cases of a suite (all without a name, the short ones when quick) and return
+    their checks (collective).
 
     directory : where each case writes (pathlib.Path).  Raises InputError for an unknown name.
     """
+    cases = SUITES[suite]()
     for name in names:
-        if name not in CASES:
+        if name not in cases:
             raise InputError(
                 f"verification case '{name}': received an unknown name, expected one of"
-                f" {', '.join(CASES)}"
+                f" {', '.join(cases)}"
             )
-    chosen = names or [name for name, case in CASES.items() if case.quick or not quick]
-    return [check for name in chosen for check in run_case(name, directory / name)]
+    chosen = names or [name for name, case in cases.items() if case.quick or not quick]
+    return [check for name in chosen for check in run_case(name, cases[name], directory / name)]
 
 
-def run_case(name: str, directory: Path) -> list[Check]:
+def run_case(name: str, case: SceneCase | OrderCase, directory: Path) -> list[Check]:
     """Run one case and return its checks (collective)."""
-    case = CASES[name]
     try:
         if isinstance(case, OrderCase):
             return _order_checks(name, case, directory)
