@@ -83,7 +83,7 @@ SPECIAL = {
     Switch: 'true, false or "auto"',
     Tags: "text or list",
 }
-TEXTS = {"title", "description"}
+TEXTS = {"title", "community", "source", "description"}
 PLAIN = {float: "number", int: "integer", str: "text", bool: "true or false"}
 
 

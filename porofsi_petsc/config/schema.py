@@ -300,15 +300,12 @@ class Scene(Table):
             )
 
     def _check_public(self):
-        """Refuse a public problem that says not where it is from, or expects no value."""
+        """Refuse a public problem that does not say where it is from."""
         if self.community is None:
             return
         if not any(kind in self.source for kind in ("doi:", "https://", "ISBN ")):
             text = "expected a citation with 'doi:', 'https://' or 'ISBN ' beside community"
             raise wrong(f"received {shown(self.source)}, {text}", "source")
-        if not self.expect:
-            text = "expected one or more [[expect]] with the values of the source"
-            raise wrong(f"received '{self.community}' without any, {text}", "community")
 
     def _check_loads(self):
         """Refuse loads without a solid, of another dimension, and along lines in a plane."""

@@ -229,7 +229,7 @@ CASES = {
 }
 
 
-def public_problems() -> dict[str, SceneCase]:
+def public_problems() -> dict[str, SceneCase | OrderCase]:
     """Return the shipped scenes with a `community`, of docs/cases.md, by name."""
     return {
         name: SceneCase(name)
@@ -251,8 +251,14 @@ def verify(
     """Run the named cases of a suite (all without a name, the short ones when quick) and return
     their checks (collective).
 
-    directory : where each case writes (pathlib.Path).  Raises InputError for an unknown name.
+    directory : where each case writes (pathlib.Path).  Raises InputError for an unknown name,
+    and for quick beside another suite than that of the program.
     """
+    if quick and suite != "program":
+        raise InputError(
+            f"verify --quick: received it with --suite {suite}, expected it without; leave it out,"
+            " or name the cases that are to run"
+        )
     cases = SUITES[suite]()
     for name in names:
         if name not in cases:
