@@ -4,10 +4,10 @@ input.
 
 import os
 
-import numpy as np
 import pytest
 
 from porofsi_petsc.config import list_scenes, load_scene, scene_to_toml
+from porofsi_petsc.config.fields import Cells
 from porofsi_petsc.config.steps import number_of_steps
 from porofsi_petsc.errors import InputError
 
@@ -83,12 +83,12 @@ def test_mobility_is_the_same_from_either_permeability(scene_file):
         "material.0.permeability={law='constant', intrinsic=1e-9}",
         "material.0.fluid={density=1000.0, viscosity=1e-3}",
     ]
-    assert load_scene(scene_file).material[0].mobility_at(np.zeros((0, 2))) == pytest.approx(
+    assert load_scene(scene_file).material[0].mobility_at(Cells.none()) == pytest.approx(
         1e-6, rel=1e-15
     )
-    assert load_scene(scene_file, intrinsic).material[0].mobility_at(
-        np.zeros((0, 2))
-    ) == pytest.approx(1e-6, rel=1e-15)
+    assert load_scene(scene_file, intrinsic).material[0].mobility_at(Cells.none()) == pytest.approx(
+        1e-6, rel=1e-15
+    )
 
 
 def test_components_are_expressions(scene_file):

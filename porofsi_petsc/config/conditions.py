@@ -21,6 +21,7 @@ from ..conditions.condition import Kind
 from ..errors import shown
 from ..registry import Parameter, parameters
 from .expressions import Expression
+from .fields import CellArray
 from .types import (
     Axes,
     Count,
@@ -387,6 +388,8 @@ def check_expressions(section: Table, dim: int, key: str, position_only: bool = 
                     f"{key}.{name}.z",
                 )
             check_expressions(value, dim, f"{key}.{name}", position_only)
+        elif isinstance(value, CellArray):
+            value._key = f"{key}.{type(section).model_fields[name].alias or name}"
         elif isinstance(value, Table):
             check_expressions(value, dim, f"{key}.{name}", position_only)
         elif hasattr(value, "names"):

@@ -8,7 +8,6 @@ from math import cos, hypot, radians, sin
 from operator import or_
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import (
     Field,
     GetCoreSchemaHandler,
@@ -20,10 +19,11 @@ from pydantic_core import CoreSchema
 from ..materials import ELASTIC, PERMEABILITY, ElasticLaw
 from ..materials.viscoelastic import Branch
 from ..registry import Parameter, Registry, parameters
-from .expressions import Expression
 from .fields import (
     AS_GIVEN,
+    FIELD,
     OR_FORMULA,
+    Cells,
     NumberField,
     PoissonField,
     PositiveField,
@@ -149,7 +149,7 @@ class Solid(OfLaw):
     def is_graded(self) -> bool:
         """Return whether a modulus is a field."""
         moduli = self.lambda_, self.mu, self.young, self.poisson
-        return any(isinstance(entry, Expression) for entry in moduli)
+        return any(isinstance(entry, FIELD) for entry in moduli)
 
     def _require_law_of_fields(self):
         of_law = parameters(ELASTIC[self.law])
@@ -161,22 +161,22 @@ class Solid(OfLaw):
             )
         return self
 
-    def lame(self, X: np.ndarray) -> tuple[Any, Any]:
-        """Return λ and μ [Pa] at points X (n, d) [m], (n, 1) of fields; raise InputError where the
+    def lame(self, cells: Cells) -> tuple[Any, Any]:
+        """Return λ and μ [Pa] in cells, (n, 1) of fields; raise InputError where the
         moduli are none.
         """
         if self.young is None:
-            lam, mu = values(self.lambda_, X), values(self.mu, X)
+            lam, mu = values(self.lambda_, cells), values(self.mu, cells)
         else:
-            E, nu = values(self.young, X), values(self.poisson, X)
-            require_within(self.young, E, X, above=0.0)
-            require_within(self.poisson, nu, X, above=-1.0, below=0.5)
+            E, nu = values(self.young, cells), values(self.poisson, cells)
+            require_within(self.young, E, cells, above=0.0)
+            require_within(self.poisson, nu, cells, above=-1.0, below=0.5)
             lam, mu = _lame(E, nu)
-        require_within(self.mu, mu, X, above=0.0)
+        require_within(self.mu, mu, cells, above=0.0)
         place = getattr(self.lambda_, "place", getattr(self.mu, "place", ""))
         if self.is_graded:
             bulk = lam + 2 / 3 * mu
-            require(bulk > 0, bulk, "a positive bulk modulus λ + 2/3 μ", place, X)
+            require(bulk > 0, bulk, "a positive bulk modulus λ + 2/3 μ", place, cells)
         return lam, mu
 
 
@@ -288,18 +288,18 @@ class Material(Table):
         return "porous" if self.solid else "fluid"
 
     @property
-    def fields(self) -> dict[str, Expression]:
-        """Return key -> formula of the coefficients that are fields."""
+    def fields(self) -> dict[str, Any]:
+        """Return key -> formula or array of the coefficients that are fields."""
         entries: dict[str, Any] = {"porosity": self.porosity}
         for name in ("solid", "permeability"):
             table = getattr(self, name)
             keys = type(table).model_fields if table else {}
             entries |= {f"{name}.{keys[key].alias or key}": getattr(table, key) for key in keys}
-        return {key: entry for key, entry in entries.items() if isinstance(entry, Expression)}
+        return {key: entry for key, entry in entries.items() if isinstance(entry, FIELD)}
 
-    def mobility_at(self, X: np.ndarray) -> Any:
-        """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state at points X (n, d)
-        [m], so that the drag is S = n_f^2 / mobility; (n, 1) of a field.
+    def mobility_at(self, cells: Cells) -> Any:
+        """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state in cells, so that the
+        drag is S = n_f^2 / mobility; (n, 1) of a field.
         """
         law = self.permeability
         fluid = self.fluid
@@ -310,25 +310,25 @@ class Material(Table):
             if law.k is not None
             else (law.intrinsic, fluid.viscosity)
         )
-        found = values(given, X)
-        require_within(given, found, X, above=0.0)
+        found = values(given, cells)
+        require_within(given, found, cells, above=0.0)
         return found / over
 
-    def porosity_at(self, X: np.ndarray) -> Any:
-        """Return n_f at points X (n, d) [m], (n, 1) of a field; 0 without pores."""
-        found = values(self.porosity, X)
-        require_within(self.porosity, found, X, at_least=THINNEST, below=1.0)
-        if isinstance(self.porosity, Expression):
+    def porosity_at(self, cells: Cells) -> Any:
+        """Return n_f in cells, (n, 1) of a field; 0 without pores."""
+        found = values(self.porosity, cells)
+        require_within(self.porosity, found, cells, at_least=THINNEST, below=1.0)
+        if isinstance(self.porosity, FIELD):
             expected = f"less than the biot_coefficient {self.biot_coefficient:g}"
             admissible = (found < self.biot_coefficient) | (self.biot_coefficient == 1.0)
-            require(admissible, found, expected, self.porosity.place, X)
+            require(admissible, found, expected, self.porosity.place, cells)
         return 0.0 if found is None else found
 
-    def density_at(self, X: np.ndarray) -> Any:
-        """Return ρ_sR [kg/m³] at points X (n, d) [m], (n, 1) of a field."""
+    def density_at(self, cells: Cells) -> Any:
+        """Return ρ_sR [kg/m³] in cells, (n, 1) of a field."""
         assert self.solid  # nobody asks a fluid
-        found = values(self.solid.density, X)
-        require_within(self.solid.density, found, X, above=0.0)
+        found = values(self.solid.density, cells)
+        require_within(self.solid.density, found, cells, above=0.0)
         return found
 
     @model_validator(mode="after")
@@ -364,7 +364,7 @@ class Material(Table):
                 compacts = self.elastic_law().compacts
             except ValueError as error:
                 raise wrong(str(error), "solid") from error
-            if compacts and isinstance(self.porosity, Expression):
+            if compacts and isinstance(self.porosity, FIELD):
                 text = f"received a formula with the law '{self.solid.law}', expected a number"
                 raise wrong(f"{text}, with which the law has one compaction point", "porosity")
         return self
@@ -376,7 +376,7 @@ class Material(Table):
         solid = self.solid
         assert solid  # nobody asks a fluid
         prony = tuple(Branch(entry.modulus, entry.time) for entry in solid.prony or ())
-        n_s0 = 0.0 if isinstance(self.porosity, Expression) else 1 - (self.porosity or 0.0)
+        n_s0 = 0.0 if isinstance(self.porosity, FIELD) else 1 - (self.porosity or 0.0)
         if lam is None or mu is None:
             lam, mu = (1.0, 1.0) if solid.is_graded else (solid.lambda_, solid.mu)
         return ELASTIC[solid.law](lam, mu, n_s0, prony, **solid.of_law())

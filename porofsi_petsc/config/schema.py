@@ -23,6 +23,7 @@ from .conditions import (
     check_boundaries,
     check_expressions,
 )
+from .fields import CellArray
 from .geometry import MeshSection
 from .material import Material, check_materials
 from .precice import Precice
@@ -154,6 +155,12 @@ class Scene(Table):
         if isinstance(given, BodyForce):
             return (RegionalForce(on=("all",), solid=given.solid, fluid=given.fluid),)
         return given
+
+    @property
+    def cell_arrays(self) -> tuple[str, ...]:
+        """Return the names of the arrays over the cells that materials take from the mesh file."""
+        fields = [field for material in self.material for field in material.fields.values()]
+        return tuple(sorted({field.cell for field in fields if isinstance(field, CellArray)}))
 
     @property
     def phases(self) -> tuple[bool, bool]:
@@ -288,6 +295,10 @@ class Scene(Table):
     def _check_fields(self, material, i):
         """Refuse coefficients that are fields where what asks for them knows numbers alone."""
         key = next(iter(material.fields), None)
+        arrays = [key for key, field in material.fields.items() if isinstance(field, CellArray)]
+        if arrays and self.mesh.kind != "file":
+            text = f"received an array of a mesh file with mesh.kind = '{self.mesh.kind}'"
+            raise wrong(f"{text}, expected a formula or a table", f"material.{i}.{arrays[0]}")
         if key and not self.is_porous and self.phases[1]:
             raise wrong(
                 "received a formula beside a free fluid, expected a number", f"material.{i}.{key}"

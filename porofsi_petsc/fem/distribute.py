@@ -43,7 +43,8 @@ class LocalMesh:
     X : (n_local, d) [m].  cells : (E, A) local nodes.  cell_owned : (E,) bool, true on exactly one
     rank.
     cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.
-    facets : tag -> Facets, the same tags on every rank.  notes : of the serial mesh.
+    facets : tag -> Facets, the same tags on every rank.  notes : of the serial mesh.  values : name
+    -> (E,) numbers of cells that a mesh file gives.
     """
 
     comm: MPI.Intracomm
@@ -65,6 +66,7 @@ class LocalMesh:
     order: NaturalOrder
     hash: str
     notes: tuple
+    values: dict
 
     @property
     def dim(self) -> int:
@@ -96,6 +98,7 @@ def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None)
     )
     first = header.pop("first")
     tags = header.pop("tags")
+    values = {name: mine.pop(f"values.{name}") for name in header.pop("values")}
     element = ELEMENTS[header.pop("element")]
     n_owned = int(first[comm.rank + 1] - first[comm.rank])
     facets = {
@@ -108,6 +111,7 @@ def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None)
         n_owned=n_owned,
         first=int(first[comm.rank]),
         facets=facets,
+        values=values,
         halo=Halo(comm, n_owned, mine["numbering"][n_owned:], first),
         order=NaturalOrder(comm, mine["natural"][:n_owned], header["n_global"]),
         **header,
@@ -166,6 +170,7 @@ class _Cutter:
             "n_cells_global": n_cells,
             "hash": mesh.hash,
             "notes": mesh.notes,
+            "values": list(mesh.values),
         }
 
     def part(self, rank):
@@ -189,6 +194,7 @@ class _Cutter:
             "cell_natural": chosen,
             "cell_region": np.asarray(mesh.cell_region, dtype=np.int64)[chosen],
         }
+        part |= {f"values.{name}": values[chosen] for name, values in mesh.values.items()}
         for index, facets in enumerate(self._facets):
             here = facets.of(chosen)
             cells = np.searchsorted(chosen, facets.cell[here])

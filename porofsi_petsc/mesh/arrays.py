@@ -30,6 +30,18 @@ def integer_arrays(data: Mapping[str, Sequence[Any]]) -> dict[str, list[np.ndarr
     }
 
 
+def scalar_arrays(data: Mapping[str, Sequence[Any]]) -> dict[str, list[np.ndarray]]:
+    """Return the arrays that have one number for each cell, as floats; data as `integer_arrays`
+    takes it.
+    """
+    scalars = {key: [_scalars(part) for part in parts] for key, parts in data.items()}
+    return {
+        key: [part.astype(float) for part in parts]
+        for key, parts in scalars.items()
+        if all(part.ndim == 1 and part.dtype.kind in "iuf" for part in parts)
+    }
+
+
 def are_distinct(parts: Sequence[np.ndarray]) -> bool:
     """Return whether an array has another number for each of several cells, as their numbers."""
     values = np.concatenate(parts) if parts else np.empty(0)

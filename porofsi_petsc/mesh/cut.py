@@ -73,11 +73,14 @@ def replaced(source: Source, index: int, block: Block, owner: np.ndarray) -> Sou
         ]
         for name, parts in source.sets.items()
     }
-    arrays = {
-        name: [part[owner] if i == index else part for i, part in enumerate(parts)]
-        for name, parts in source.arrays.items()
-    }
-    return replace(source, blocks=blocks, sets=sets, arrays=arrays)
+    arrays, values = (
+        {
+            name: [part[owner] if i == index else part for i, part in enumerate(parts)]
+            for name, parts in named.items()
+        }
+        for named in (source.arrays, source.values)
+    )
+    return replace(source, blocks=blocks, sets=sets, arrays=arrays, values=values)
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ def excerpt(mesh: Mesh, regions: Collection[str], where: str) -> Mesh:
         regions=names,
         cell_region=np.array([names.index(mesh.regions[i]) for i in mesh.cell_region[kept]]),
         facets={tag: number[nodes] for tag, nodes in facets.items()},
+        values={name: values[kept] for name, values in mesh.values.items()},
     )
 
 

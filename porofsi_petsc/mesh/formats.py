@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError, shown
 from .abaqus import read_abaqus
-from .arrays import NOT_A_TAG, integer_arrays
+from .arrays import NOT_A_TAG, integer_arrays, scalar_arrays
 from .exodus import read_exodus
 from .febio import read_febio
 from .gmsh import read_gmsh
@@ -111,7 +111,8 @@ def _read_by_meshio(path):
     if getattr(source, "point_tags", None):
         of_nodes = _families([source.point_data["point_tags"]], source.point_tags)
         nodes |= {name: parts[0] for name, parts in of_nodes.items()}
-    return Source(source.points, blocks, sets, arrays, nodes)
+    values = scalar_arrays(source.cell_data)
+    return Source(source.points, blocks, sets, arrays, nodes, values=values)
 
 
 def _members(part):

@@ -1,7 +1,7 @@
 """The serial mesh: points, cells, regions and tagged facets in the natural numbering."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,8 @@ class Mesh:
 
     points : (N, d) coordinates [m].  cells : (E, A) nodes, positively oriented, VTK node order.
     cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the
-    (first) adjacent cell.  notes : sentences on what the file has and the mesh does not.
+    (first) adjacent cell.  values : name -> (E,) numbers of cells that a file gives.  notes :
+    sentences on what the file has and the mesh does not.
     """
 
     points: np.ndarray
@@ -25,6 +26,7 @@ class Mesh:
     cell_region: np.ndarray
     facets: dict[str, np.ndarray]
     notes: tuple[str, ...] = ()
+    values: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def dim(self) -> int:
@@ -33,7 +35,9 @@ class Mesh:
 
     @cached_property
     def hash(self) -> str:
-        """Return 16 hexadecimal digits of the SHA-256 over points, cells and tagged facets."""
+        """Return 16 hexadecimal digits of the SHA-256 over points, cells, tagged facets and
+        values.
+        """
         kind = f"{self.element.name} around an axis" if self.element.axisymmetric else ""
         digest = hashlib.sha256((kind or self.element.name).encode())
         for array in (self.points, self.cells, self.cell_region):
@@ -41,4 +45,7 @@ class Mesh:
         for tag in sorted(self.facets):
             digest.update(tag.encode())
             digest.update(np.ascontiguousarray(self.facets[tag]).tobytes())
+        for name in sorted(self.values):
+            digest.update(name.encode())
+            digest.update(np.ascontiguousarray(self.values[name]).tobytes())
         return digest.hexdigest()[:16]

@@ -28,13 +28,14 @@ class Reading:
     array : the array over the cells with the numbers of the groups, None where the file decides.
     groups : the names of the groups that count, all if empty; a cell or facet in several of them
     belongs to the first.  scale : metres in the unit of length of the file.  facets : a further
-    file with tagged facets.
+    file with tagged facets.  values : arrays over the cells that are taken along.
     """
 
     array: str | None = None
     groups: Sequence[str] = ()
     scale: float = 1.0
     facets: str | None = None
+    values: Sequence[str] = ()
 
 
 @dataclass
@@ -107,7 +108,9 @@ def read_mesh(path: str | os.PathLike[str], dim: int, reading: Reading | None = 
     first = {name: i for i, name in enumerate(reading.groups)}
     found = dict(sorted(found.items(), key=lambda entry: first.get(entry[0], 0)))
     facets = _named_facets(body, found, chosen)
-    return Mesh(body.points, body.cells, element, names, cell_region, facets, tuple(body.notes))
+    values = {name: _values(source, element, name, path) for name in reading.values}
+    notes = tuple(body.notes)
+    return Mesh(body.points, body.cells, element, names, cell_region, facets, notes, values)
 
 
 def _source(path, dim, reading):
@@ -170,6 +173,24 @@ def _gather(blocks, sets, element, kinds):
     }
     nodes = np.concatenate([part[:, :width] for part in data]).astype(np.int64)
     return nodes, {name: members for name, members in rows.items() if len(members)}
+
+
+def _values(source, element, name, path):
+    """Return the numbers of an array over the cells, (E,), in the order of `_gather`."""
+    if name not in source.values:
+        known = listed(sorted(source.values)) if source.values else "none that is read"
+        raise InputError(
+            f"{path}: a material asks for the array '{name}' over the cells, the file has {known};"
+            " write the cells with one number each, as VTU or XDMF"
+        )
+    forms = {element.meshio_name, *element.collapsed}
+    return np.concatenate(
+        [
+            part
+            for block, part in zip(source.blocks, source.values[name], strict=True)
+            if block.type in forms
+        ]
+    )
 
 
 def _drop_orphans(body):

@@ -26,6 +26,7 @@ class Source:
 
     points : (N, >= d) [m].  sets : name -> for each block the numbers of its cells in the set.
     arrays : name -> for each block one integer per cell.  node_sets : name -> node numbers.
+    values : name -> for each block one number per cell, of any array that has them.
     sections : the sets that the file gives materials to, if it does.  tags : cells and facets of
     the mesh over again, in sets or with arrays.
     """
@@ -36,6 +37,7 @@ class Source:
     arrays: dict[str, list[np.ndarray]] = field(default_factory=dict)
     node_sets: dict[str, np.ndarray] = field(default_factory=dict)
     sections: tuple[str, ...] = ()
+    values: dict[str, list[np.ndarray]] = field(default_factory=dict)
     tags: list["Source"] = field(default_factory=list)
 
 

@@ -21,14 +21,15 @@ APART = 1e-6  # of the size of the mesh: the distance of a node of the tags from
 
 
 def part(source: Source, dims: Container[int]) -> Source:
-    """Return the cells of some dimensions of a source with their sets and arrays."""
+    """Return the cells of some dimensions of a source with their sets, arrays and values."""
     kept = [i for i, block in enumerate(source.blocks) if block.dim in dims]
-    sets, arrays = (
+    sets, arrays, values = (
         {name: [parts[i] for i in kept] for name, parts in named.items()}
-        for named in (source.sets, source.arrays)
+        for named in (source.sets, source.arrays, source.values)
     )
     sets = {name: parts for name, parts in sets.items() if any(map(len, parts))}
-    return Source(source.points, [source.blocks[i] for i in kept], sets, arrays if kept else {})
+    blocks = [source.blocks[i] for i in kept]
+    return Source(source.points, blocks, sets, arrays if kept else {}, values=values)
 
 
 def joined(source: Source, array: str | None, dim: int, path: Path) -> Source:
@@ -56,7 +57,18 @@ def joined(source: Source, array: str | None, dim: int, path: Path) -> Source:
             whole = sets.setdefault(name, [np.empty(0, dtype=np.int64)] * len(blocks))
             whole[done : done + len(of_blocks)] = of_blocks
         done += len(own.blocks)
-    return replace(source, blocks=blocks, sets=sets, arrays={}, tags=[])
+    values = {name: _over(parts, cells, own) for name, own in cells.values.items()}
+    return replace(source, blocks=blocks, sets=sets, arrays={}, tags=[], values=values)
+
+
+def _over(parts, cells, values):
+    """Return values over the blocks of the cells of the mesh as values over those of all parts, NaN
+    in others.
+    """
+    found = []
+    for own in parts:
+        found += values if own is cells else [np.full(len(b.data), np.nan) for b in own.blocks]
+    return found
 
 
 def _named(source, dim, what, array, path):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .arrays import integer_arrays
+from .arrays import integer_arrays, scalar_arrays
 from .source import Block, Source, Unusable, dimension
 
 _KINDS = {"float": "f", "int": "i", "uint": "u", "char": "i", "short": "i", "uchar": "u"}
@@ -66,7 +66,7 @@ class _Reader:
                 if len(values) != sizes[-1]:
                     raise ValueError(f"{len(values)} values over {sizes[-1]} cells")
                 data[attribute.get("Name", "values")] = np.split(values, sizes[:-1])
-        return Source(points, blocks, arrays=integer_arrays(data))
+        return Source(points, blocks, arrays=integer_arrays(data), values=scalar_arrays(data))
 
     def _part(self, grid, tag):
         """Return the topology or geometry of a grid, which may be that of another one."""

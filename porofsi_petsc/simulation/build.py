@@ -29,8 +29,10 @@ from .start import put_at_start
 from .supports import require_supports
 
 
-def _reading(section):
-    return Reading(section.array, section.groups, section.scale, section.facets)
+def _reading(scene):
+    section = scene.mesh
+    choices = section.array, section.groups, section.scale, section.facets
+    return Reading(*choices, scene.cell_arrays)
 
 
 def tagged_mesh(scene: Scene) -> Mesh:
@@ -40,7 +42,7 @@ def tagged_mesh(scene: Scene) -> Mesh:
     section = scene.mesh
     where = str(scene.source_path or "scene")
     mesh = (
-        read_mesh(section.path, section.dim, _reading(section))
+        read_mesh(section.path, section.dim, _reading(scene))
         if section.kind == "file"
         else _generated(section, where)
     )

@@ -12,6 +12,7 @@ from ..accelerators import ACCELERATORS
 from ..conditions import CONDITIONS
 from ..config import Scene
 from ..config.expressions import Expression
+from ..config.fields import Cells
 from ..config.material import Material
 from ..config.sections import Model
 from ..coupling.medium import Medium
@@ -62,8 +63,9 @@ def _in_regions(entry, scene, mesh, regions):
     numbers = [mesh.regions.index(region) for region in regions]
     cells = np.flatnonzero(np.isin(mesh.cell_region, numbers))
     centres = mesh.X[mesh.cells[cells]].mean(axis=1)
+    values = {name: array[cells] for name, array in mesh.values.items()}
     try:
-        found, reason = Coefficients.of(entry, centres), None
+        found, reason = Coefficients.of(entry, Cells(centres, values)), None
     except InputError as error:
         found, reason = None, str(error)
     reasons = [text for text in mesh.comm.allgather(reason) if text]
@@ -86,11 +88,12 @@ class Coefficients(NamedTuple):
     mobility: Any
 
     @classmethod
-    def of(cls, entry: Material, X: np.ndarray) -> "Coefficients":
-        """Return those of a material with a solid at points X (n, d) [m]."""
+    def of(cls, entry: Material, cells: Cells) -> "Coefficients":
+        """Return those of a material with a solid in cells."""
         assert entry.solid  # nobody asks a fluid
-        mobility = entry.mobility_at(X) if entry.permeability else np.inf
-        return cls(entry.porosity_at(X), entry.solid.lame(X), entry.density_at(X), mobility)
+        mobility = entry.mobility_at(cells) if entry.permeability else np.inf
+        moduli = entry.solid.lame(cells)
+        return cls(entry.porosity_at(cells), moduli, entry.density_at(cells), mobility)
 
     def over(self, cells: np.ndarray, n_cells: int) -> "Coefficients":
         """Return fields over all cells of a mesh, NaN in others than those of the points."""
@@ -120,7 +123,7 @@ def material_of(
     if not solid:
         assert fluid  # a material has one of them
         return PorousMaterial.free_fluid(fluid.density, viscosity)
-    given = given or Coefficients.of(entry, np.zeros((0, 1)))
+    given = given or Coefficients.of(entry, Cells.none())
     elastic = _elastic_law(entry, given.moduli, ratio)
     if not fluid:
         return PorousMaterial.dense_solid(elastic, given.density)

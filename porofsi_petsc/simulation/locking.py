@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..config import Scene
+from ..config.fields import Cells
 from ..config.material import Solid
 from ..errors import InputError, digits
 from ..mesh.mesh import Mesh
@@ -43,8 +44,10 @@ def _largest_poisson(solid, mesh, regions):
     if not solid.is_graded:
         return poisson(solid)
     chosen = [i for i, name in enumerate(mesh.regions) if regions == ("all",) or name in regions]
-    cells = mesh.cells[np.isin(mesh.cell_region, chosen)]
-    lam, mu = solid.lame(mesh.points[cells].mean(axis=1))
+    here = np.isin(mesh.cell_region, chosen)
+    centres = mesh.points[mesh.cells[here]].mean(axis=1)
+    values = {name: array[here] for name, array in mesh.values.items()}
+    lam, mu = solid.lame(Cells(centres, values))
     return round(np.max(lam / (2 * (lam + mu))), 12)
 
 

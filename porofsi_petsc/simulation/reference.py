@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..config import Scene
+from ..config.fields import Cells
 from ..errors import InputError
 from ..exact import (
     CompressibleColumn,
@@ -82,7 +83,7 @@ class Soil:
         return cls(
             elastic,
             *densities,
-            entry.mobility_at(np.zeros((0, scene.dim))),
+            entry.mobility_at(Cells.none()),
             solid.law,
             material.biot,
             S,
