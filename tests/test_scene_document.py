@@ -18,6 +18,7 @@ from porofsi_petsc.config import (
     reference,
     schema,
     sections,
+    stages,
 )
 from porofsi_petsc.config.fields import OR_FORMULA
 from porofsi_petsc.config.types import (
@@ -73,6 +74,7 @@ TABLES = {
     "[output]": sections.Output,
     "[figures]": sections.Figures,
     "[reference]": reference.Reference,
+    "[[stage]]": stages.Stage,
     "[[expect]]": sections.Expect,
 }
 SPECIAL = {

@@ -3,6 +3,7 @@ what.
 """
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import pydantic
@@ -147,7 +148,13 @@ def _arguments(value):
 
 def boundary_table() -> type[Boundary]:
     """Return `Boundary` with a key for each condition that is registered now."""
-    keys: dict[str, Any] = {name: _key(name, of) for name, of in CONDITIONS.items()}
+    return _boundary_table(tuple(CONDITIONS.items()))
+
+
+@lru_cache(maxsize=1)
+def _boundary_table(conditions):
+    """Return the one table of a scene and of its stages."""
+    keys: dict[str, Any] = {name: _key(name, of) for name, of in conditions}
     return create_model("Boundary", __base__=Boundary, **keys)
 
 

@@ -44,7 +44,7 @@ def sentences(where: str | Path, error: ValidationError, tables: dict[str, Any])
 
 def _sentence(entry: Any, tables: dict[str, Any]) -> str:
     key = _key(entry, tables)
-    text = _text(entry)
+    text = text_of(entry)
     return f"[{key}]: {text}" if key else f"[scene]: {text}"
 
 
@@ -77,7 +77,8 @@ def _part(key: object) -> str:
     return text if text.isprintable() and len(text) <= WIDTH else shown(text)
 
 
-def _text(entry: Any) -> str:
+def text_of(entry: Any) -> str:
+    """Return what one error says, without its key."""
     kind = entry["type"]
     context = entry.get("ctx", {})
     if kind == "wrong":

@@ -50,6 +50,7 @@ from .sections import (
     Surface,
     Time,
 )
+from .stages import Stage, following
 from .types import ListOf, Table, Text, closest, wrong
 
 
@@ -96,6 +97,7 @@ class Scene(Table):
     output: Output = Output()
     figures: Figures = Figures()
     reference: Reference | None = None
+    stage: Annotated[tuple[Stage, ...], ListOf()] = ()
     expect: Annotated[tuple[Expect, ...], ListOf()] = ()
     smoke: Smoke = {}
 
@@ -189,6 +191,19 @@ class Scene(Table):
         return tangent == "newton" or (tangent == "auto" and self.time.scheme == "steady")
 
     @property
+    def stages(self) -> tuple["Scene", ...]:
+        """Return the complete scenes of all stages in turn, this one first."""
+        found = [self]
+        for i, stage in enumerate(self.stage):
+            found.append(following(found[-1], stage, i))
+        return tuple(found)
+
+    @property
+    def end(self) -> float:
+        """Return the time at the end of the last stage [s]."""
+        return self.stages[-1].time.end
+
+    @property
     def source_path(self) -> Path | None:
         """Return the path of the file the scene was loaded from, None when it was made
         otherwise.
@@ -263,7 +278,16 @@ class Scene(Table):
         self._check_reference()
         self._check_expectations()
         self._check_public()
+        self._check_stages()
         return self
+
+    def _check_stages(self):
+        """Refuse a stage whose scene is none."""
+        names = [stage.name for stage in self.stage]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise wrong(f"received '{name}' twice, expected another name", f"stage.{i}.name")
+        _ = self.stages
 
     def _check_initial_stress(self):
         """Refuse an initial stress without a solid, out of the plane, or under a law that has to
@@ -866,7 +890,7 @@ def _require_viscosity(materials):
 
 def _renew() -> None:
     """Make the schema of scenes again, with the laws that have come since."""
-    for table in (Material, Scene):
+    for table in (Material, Stage, Scene):
         table.model_rebuild(force=True)
 
 

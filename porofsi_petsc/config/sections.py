@@ -4,7 +4,7 @@ expectations.
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, PrivateAttr, Strict, model_validator
 
 from ..accelerators import ACCELERATORS
 from ..errors import digits, shown
@@ -129,6 +129,13 @@ class Time(Table):
     consistent_start: Flag = False
     error_tolerance: Annotated[Number, Field(ge=FINEST_ERROR, lt=1)] | None = None
     min_step: Positive | None = None
+
+    _begins: float = PrivateAttr(0.0)
+
+    @property
+    def begins(self) -> float:
+        """Return the time at which the stage begins [s], 0 of the first one."""
+        return self._begins
 
     @model_validator(mode="after")
     def _controlled(self) -> "Time":

@@ -88,7 +88,7 @@ class AutoMedium:
         if clock.step == 0:
             self._start(self._medium, self.scene)  # with inertia not every start will do
         schemes, rates = clock.schemes(self.scene.model, clock.nominal)
-        self._medium.load_state(state, _without_tangents(memory), schemes, rates)
+        self._medium.load_state(state, without_tangents(memory), schemes, rates)
         return True
 
     def _with_what_they_need(self, passed):
@@ -117,8 +117,9 @@ class AutoMedium:
         """Switch on what had been switched on when a checkpoint was written; its state is still to
         be loaded (collective).
         """
-        if memory["switched"]:
-            self._switch_on(memory["switched"])
+        records = [record for record in memory["switched"] if record["term"] in self._waiting]
+        if records:
+            self._switch_on(records)
 
 
 AnyMedium = Medium | AutoMedium
@@ -142,9 +143,10 @@ def _record(term, passed, sizes, clock):
     }
 
 
-def _without_tangents(memory):
+def without_tangents(memory: dict[str, Any]) -> dict[str, Any]:
     """Return the memory of a medium without lagged tangents and accelerator, which belong to the
-    smaller model.
+    model before.
     """
-    phases = {name: memory[name] | {"rates": None} for name in ("solid", "fluid")}
+    names = [name for name in ("solid", "fluid", "mesh") if name in memory]
+    phases = {name: memory[name] | {"rates": None} for name in names}
     return memory | phases | {"columns": []}

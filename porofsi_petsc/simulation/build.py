@@ -53,9 +53,22 @@ def tagged_mesh(scene: Scene) -> Mesh:
 
 
 def serial_mesh(scene: Scene) -> Mesh:
-    """Return the checked serial mesh of a scene; raises InputError (call it on one rank)."""
-    where = str(scene.source_path or "scene")
+    """Return the serial mesh of a scene, checked for all its stages; raises InputError (call it on
+    one rank).
+    """
     mesh = tagged_mesh(scene)
+    found = _checked(scene, mesh)
+    for stage, later in zip(scene.stage, scene.stages[1:], strict=True):
+        try:
+            _checked(later, mesh)
+        except InputError as error:
+            raise InputError(f"{error} (in the stage '{stage.name}')") from None
+    return found
+
+
+def _checked(scene, mesh):
+    """Return the mesh with its interface, where the scene fits it."""
+    where = str(scene.source_path or "scene")
     on_axis = tags_on_axis(mesh, where)
     for i, material in enumerate(scene.material):
         if material.region != ("all",):

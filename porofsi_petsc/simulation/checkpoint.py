@@ -23,6 +23,7 @@ def write(simulation: Simulation, directory: Path) -> Path:
             "scene_name": scene.name,
             "scene": scene_to_toml(scene),
             "tables": table_contents(scene),
+            "stage": simulation.stage,
             "step": loop.clock.step,
             "time": loop.clock.t,
             "clock": loop.clock.state(),

@@ -97,8 +97,8 @@ def sample_times(section: Time) -> list[float]:
     """
     return [
         at_once(section),
-        section.step,
-        *np.linspace(0.0, section.end, SAMPLES + 1)[1:].tolist(),
+        section.begins + section.step,
+        *np.linspace(section.begins, section.end, SAMPLES + 1)[1:].tolist(),
     ]
 
 
@@ -106,7 +106,8 @@ def at_once(section: Time) -> float:
     """Return a time that stands for 0+ [s]: after `where(t > 0, …)` switches, before anything else
     has changed.
     """
-    return AT_ONCE * section.step
+    begins = section.begins
+    return max(begins + AT_ONCE * section.step, float(np.nextafter(begins, np.inf)))
 
 
 def just_after(t: float, section: Time) -> float:

@@ -84,12 +84,13 @@ def _require_wall(scene, mesh, tag, given, velocity, place):
     ]  # what is given there does not jump
     times = sample_times(scene.time)[1:]
     found = [
-        _first_step(pairs, jumps, X, scene.time),
+        *([] if scene.time.begins else [_first_step(pairs, jumps, X, scene.time)]),
         *(_instant(pairs, X, t, scene.time) for t in times),
     ]
     flows = np.max(mesh.comm.allgather([flow for flow, _ in found]), axis=0)
     scale = max(mesh.comm.allgather(max(largest for _, largest in found)))
-    for t, flow in zip([scene.time.step, *times], flows, strict=True):
+    first = [] if scene.time.begins else [scene.time.step]
+    for t, flow in zip([*first, *times], flows, strict=True):
         if flow > SAME * scale:
             received = f"received a velocity of {flow:g} m/s through the wall at t = {t:g} s"
             advice = (

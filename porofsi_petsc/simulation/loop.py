@@ -199,10 +199,10 @@ class StopRequest:
         self._advice = advice
         self._deadline = time.monotonic() + max_time if max_time else None
 
-    def __call__(self, clock: Clock) -> None:
+    def __call__(self, clock: Clock, finished: bool) -> None:
         """Raise Stopped where the run must stop before its end (collective)."""
         reason = self._reason()
-        if reason and not clock.finished:
+        if reason and not finished:
             raise Stopped(
                 f"stopped by {reason} at t = {clock.t:g} s (step {clock.step}); {self._advice}"
             )

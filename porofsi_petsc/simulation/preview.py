@@ -46,6 +46,8 @@ def preview(scene: Scene, coupling: AnyMedium, measures: Measures) -> str:
         _terms(scene, measures),
         _time(scene.time),
     ]
+    for stage, later in zip(scene.stage, scene.stages[1:], strict=True):
+        lines.append(f"stage '{stage.name}': {_time(later.time)}")
     lines += [*_diffusion(scene, coupling), *_waves(scene, coupling), *_flow(scene, coupling)]
     return "\n".join([*lines, *_loads(scene, coupling), *_initial_stress(scene, coupling)])
 
@@ -94,10 +96,12 @@ def _time(section):
         )
     if section.growth == 1:
         return (
-            f"to t = {section.end:g} s in {np.ceil(section.end / section.step - 1e-9):.0f} steps of"
+            f"to t = {section.end:g} s in"
+            f" {np.ceil((section.end - section.begins) / section.step - 1e-9):.0f} steps of"
             f" {section.step:g} s"
         )
     clock = Clock(section)
+    clock.t = section.begins
     largest = section.step
     while not clock.finished and clock.step < MANY_STEPS:
         largest = max(largest, clock.nominal)

@@ -36,10 +36,12 @@ def resume(
     coupling: AnyMedium,
     energy: Energy,
     measures: Measures,
+    stage: int = 0,
 ) -> None:
     """Load every part of a run from a checkpoint; text is the present scene as TOML (collective).
 
-    header : of `open_checkpoint`. Raises InputError when the file belongs to another mesh or scene,
+    header : of `open_checkpoint`; stage : number of the one to which it belongs, for which the
+    other parts are. Raises InputError when the file belongs to another mesh or scene,
     is damaged, or lies beyond the end time.
     """
     mesh = coupling.solid.mesh
@@ -56,7 +58,7 @@ def resume(
         _require_forces(path, header["arrays"], state)
         _require_arrays(header["arrays"], state)
         arrays = read_arrays(path, header, mesh)
-        _load(path, header, arrays, scene, loop, coupling, energy, measures)
+        _load(path, header, arrays, scene.stages[stage], loop, coupling, energy, measures)
     except KeyError as missing:
         raise damaged(path, f"its entry {missing} is missing", mesh.comm) from missing
     except (TypeError, ValueError) as failure:
@@ -117,8 +119,9 @@ def _require_same_scene(path, header, scene, text):
     contents = header.get("tables")  # None in one of an earlier version
     before = comparable(_scene_of(header), contents)
     now = comparable(parse_toml(text), contents if contents is None else table_contents(scene))
-    fixed = _fixed(now, before)
-    for section, old in _fixed(before, now).items():
+    stage = header.get("stage", 0)
+    fixed = _fixed(now, before, stage)
+    for section, old in _fixed(before, now, stage).items():
         new = fixed[section]
         if old != new:
             key, received, expected = _difference(section, new, old)
@@ -143,9 +146,13 @@ def _scene_of(header):
         raise ValueError(f"its entry scene is no TOML: {failure}") from failure
 
 
-def _fixed(scene, other):
-    """Return the tables of a scene (as TOML) that another one must have too."""
-    fixed = {section: scene.get(section) for section in FIXED}
+def _fixed(scene, other, stage):
+    """Return the tables of a scene (as TOML) that another one must have too, and of its stages up
+    to the one of a number.
+    """
+    fixed: dict = {section: scene.get(section) for section in FIXED}
+    past = scene.get("stage", [])[:stage]
+    fixed["stage"] = [{key: entry.get(key) for key in (*FIXED, "tie")} for entry in past]
     fixed["initial"] = {"stress": scene.get("initial", {}).get("stress")}  # acts at all times
     if "reference" in scene and "reference" in other:
         fixed["reference"] = {key: scene["reference"].get(key) for key in COMPARED}

@@ -90,8 +90,6 @@ class _Run:
         self.quiet = quiet
         self.claim = claim
         self._signals = ExitStack()
-        self.loop = simulation.loop
-        self.measures = simulation.measures
         self.former = None
         self._good = False
         self.records = Records(simulation, directory)
@@ -110,7 +108,7 @@ class _Run:
             None if self.comm.size == 1 else False
         )  # mpirun shows its ranks a terminal, also where it writes to a file
         progress = Progress(
-            self.scene.time.end,
+            self.scene.end,
             self.quiet,
             terminal,
             start_time=simulation.time,
@@ -122,12 +120,12 @@ class _Run:
                 [
                     self.records.after_step,
                     self._begin,
-                    lambda simulation: stop(simulation.loop.clock),
+                    lambda simulation: stop(simulation.loop.clock, simulation.finished),
                 ]
             )
             self._begin(simulation)  # also where a restart had nothing left to do
             summary = self._finish(progress, 0)
-        except self.loop.shared_errors as error:
+        except self.simulation.loop.shared_errors as error:
             if summary is None:
                 self._finish(progress, error.exit_code)
             raise
@@ -141,7 +139,7 @@ class _Run:
         """Do the steps; an error that all ranks share leaves a checkpoint behind."""
         try:
             self.simulation.run(callbacks=callbacks)
-        except self.loop.shared_errors:
+        except self.simulation.loop.shared_errors:
             self.records.checkpoint()
             raise
 
@@ -193,7 +191,7 @@ class _Run:
         wrote one.
         """
         summary = read_summary(self.directory)
-        clock = self.loop.clock
+        clock = self.simulation.loop.clock
         ends = (0, ExpectationError.exit_code)
         same = (
             summary
@@ -245,7 +243,7 @@ class _Run:
         profiles.
         """
         histories = [read_history(self.directory / "history.csv")]
-        comparison = self.measures.comparison
+        comparison = self.simulation.measures.comparison
         if comparison:
             histories.append(comparison.table())
         if comparison and comparison.records and comparison.records[0]["profile"]:

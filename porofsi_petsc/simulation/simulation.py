@@ -20,6 +20,7 @@ from ..linalg.agreement import Agreement
 from ..linalg.options import start
 from ..linalg.solver import LinearSolver
 from ..linalg.stopwatch import Stopwatch
+from ..log import logger
 from ..output.checkpoint import open_checkpoint
 from ..output.files import on_root
 from .build import build_coupling, local_mesh
@@ -33,6 +34,7 @@ from .measures import Measures
 from .precice import Partner
 from .quantities import Quantities
 from .restart import resume
+from .stages import Left
 
 SHORTEST = 1e-9  # step, in those of the scene, that `run` is asked for
 
@@ -46,6 +48,7 @@ class Simulation:
 
     scene : the `Scene`; comm : its ranks; coupling, loop, energy, measures, stopwatch : the parts
     of the solution;
+    stage : number of the present stage, 0 of the first;
     fields : the nodal `Fields` of the accepted state; quantities : what the history records;
     lines : the values along the lines of the scene;
     callbacks : functions of the simulation that are called in turn after every accepted step; a
@@ -69,27 +72,54 @@ class Simulation:
         self.callbacks: list[Callable[[Simulation], object]] = []
         self._of_run: list[Callable[[Simulation], object]] = []
         self._ends = False
+        self._stages = scene.stages
+        self.stage = 0
         self._is_closed = False
         self._agreement = Agreement(self.comm)
         with self._agreement.required():
             self._build(mesh)
 
     def _build(self, mesh):
-        scene = self.scene
         with self.stopwatch.measure("setup"):
-            mesh = mesh or local_mesh(scene, self.comm)
-            self.coupling = build_coupling(scene, mesh, self.stopwatch)
-            self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
-            self.lines = Lines(scene, self.coupling, self.measures)
-            self.quantities = Quantities(scene, self.coupling, self.measures)
+            mesh = mesh or local_mesh(self.scene, self.comm)
+            self._make_parts(mesh)
         self.energy = Energy()
         self.energy.start(*self.coupling.energies())
         self._partner = self._other_program()
+        self._make_loop()
+        self._rows = [(0.0, *self.quantities.values(0.0), 0)]
+
+    def _make_parts(self, mesh):
+        """Make coupling and measures of the present stage (collective)."""
+        scene = self._stages[self.stage]
+        self.coupling = build_coupling(scene, mesh, self.stopwatch)
+        self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
+        self.lines = Lines(scene, self.coupling, self.measures)
+        self.quantities = Quantities(scene, self.coupling, self.measures)
+        self.fields = Fields(scene, self.coupling, self.measures)
+
+    def _make_loop(self):
+        scene = self._stages[self.stage]
         self.loop = TimeLoop(
             scene, self.coupling, self.energy, self.measures, self._call_back, self._partner
         )
-        self.fields = Fields(scene, self.coupling, self.measures)
-        self._rows = [(0.0, *self.quantities.values(0.0), 0)]
+
+    def _begin_stage(self, number):
+        """Make the parts of another stage, without its state (collective)."""
+        for solver in self.solvers.values():
+            solver.destroy()
+        self.stage = number
+        with self.stopwatch.measure("setup"):
+            self._make_parts(self.coupling.solid.mesh)
+        self._make_loop()
+
+    def _next_stage(self):
+        """Go on with the next stage from the accepted state (collective)."""
+        left = Left(self)
+        self._begin_stage(self.stage + 1)
+        left.continue_in(self)
+        name = self.scene.stage[self.stage - 1].name
+        logger.info("stage '%s' begins at t = %g s (step %d)", name, self.time, self.steps)
 
     def _other_program(self):
         """Return the `Partner` of a participant, None of other scenes."""
@@ -139,6 +169,8 @@ class Simulation:
                 " time.end"
             )
         with self._agreement.required():
+            if self.loop.clock.finished:
+                self._next_stage()
             self.loop.step()
 
     def run(
@@ -152,18 +184,30 @@ class Simulation:
         between the present time and time.end, or a step to it would be lost in the digits of time.
         """
         self._require_open()
-        end = self.scene.time.end
+        end = self._stages[-1].time.end
         with self._agreement.required():
-            self.loop.clock.end = end if until is None else self._reachable(until, end)
+            until = end if until is None else self._reachable(until, end)
             self._of_run = list(callbacks)
             self._ends = False
             try:
-                self.loop.run(lambda: self._ends)
+                self._advance(until)
+                while self.time < until and not self._ends:
+                    self._next_stage()
+                    self._advance(until)
                 if self._partner and self.finished:
                     self._partner.finish()
             finally:
-                self.loop.clock.end = end
                 self._of_run = []
+
+    def _advance(self, until):
+        """Advance to a time, or to the end of the stage where that is before it."""
+        clock = self.loop.clock
+        end = clock.end
+        clock.end = min(until, end)
+        try:
+            self.loop.run(lambda: self._ends)
+        finally:
+            clock.end = end
 
     def _reachable(self, until, end):
         """Return until, that of rank 0; raise InputError where no step ends there (collective)."""
@@ -205,8 +249,8 @@ class Simulation:
 
     @property
     def finished(self) -> bool:
-        """Return whether time.end is reached (local)."""
-        return self.loop.clock.finished
+        """Return whether time.end is reached, of the last stage (local)."""
+        return self.loop.clock.finished and self.stage == len(self._stages) - 1
 
     @property
     def columns(self) -> list[str]:
@@ -259,7 +303,16 @@ class Simulation:
                 " coupling begins at t = 0; start anew"
             )
         text = scene_to_toml(self.scene)
-        resume(path, header, self.scene, text, self.loop, self.coupling, self.energy, self.measures)
+        number = header.get("stage", 0)
+        if number >= len(self._stages):
+            raise InputError(
+                f"{path}: the checkpoint is in [stage.{number - 1}], the scene has"
+                f" {len(self.scene.stage)} stages after the first; restart with those of its run"
+            )
+        if number:
+            self._begin_stage(number)
+        parts = self.loop, self.coupling, self.energy, self.measures
+        resume(path, header, self.scene, text, *parts, number)
         self.quantities.load(path, header.get("volumes") or {})
         iterations = self.loop.iterations[-1] if self.loop.iterations else 0
         self._rows = [(self.time, *self.quantities.values(self.time), iterations)]

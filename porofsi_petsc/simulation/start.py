@@ -49,6 +49,8 @@ def put_at_start(
     motion, transfer : of the mesh of a free fluid, and of the solid's velocity to the interface, to
     which the fluid sticks
     """
+    if scene.time.begins:  # with the state of the stage before
+        return
     start = _Start(scene, solid, fluid, transfer)
     if scene.time.scheme != "steady":  # whose initial state is but a first guess
         start.require_displacement()

@@ -1,0 +1,65 @@
+"""The change from one stage of a run to the next: the state goes over as it is.
+
+Positions, velocities, accelerations and pressure are those at the end of the stage before, so that
+what a stage changes at once acts as a formula that jumps at that time does in a run of one stage.
+Tangents and what an accelerator has learnt belong to the stage before and are made anew.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..phases.surface_terms import SurfaceTerms
+from .auto import without_tangents
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+SURFACES = ("solid", "fluid")
+
+
+class Left:
+    """What a stage leaves to the next one."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        """Take it from the accepted state (collective)."""
+        coupling = simulation.coupling
+        loop = simulation.loop
+        self._arrays = coupling.state()
+        self._memory = without_tangents(coupling.memory())
+        self._surfaces = {name: _memories(getattr(coupling, name).surfaces) for name in SURFACES}
+        self._clock = loop.clock.state()
+        self._iterations = loop.iterations
+        self._measures = simulation.measures.state()
+        self._volumes = simulation.quantities.memory()
+
+    def continue_in(self, simulation: Simulation) -> None:
+        """Give it to the parts of the stage that begins (collective).
+
+        The energy that other moduli or densities give the same state counts as given at the start.
+        """
+        coupling = simulation.coupling
+        loop = simulation.loop
+        loop.clock.load(self._clock | {"nominal": loop.clock.nominal})
+        loop.iterations.extend(self._iterations)
+        if loop.auto:
+            loop.auto.resume(self._memory)
+            simulation.measures.remodel(loop.auto.scene)
+        schemes, rates = loop.clock.next_schemes(loop.model)
+        coupling.load_state(self._arrays, self._memory, schemes, rates)
+        for name, memories in self._surfaces.items():
+            surfaces = getattr(coupling, name).surfaces
+            surfaces.load({key: memories[_kind(key)] for key in surfaces.memory() if _kind(key) in memories})
+        simulation.measures.load(self._measures, loop.clock.t)
+        simulation.quantities.load(simulation.scene.source_path, self._volumes)
+        simulation.energy.remodel(*coupling.energies())
+
+
+def _memories(surfaces: SurfaceTerms) -> dict:
+    """Return kind and tag of a condition -> its memory."""
+    return {_kind(key): memory for key, memory in surfaces.memory().items()}
+
+
+def _kind(key: str) -> str:
+    """Return kind and tag of the key of a condition, without the number of its entry."""
+    return key.split(".", 2)[-1]
