@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..phases.coupling_data import Rates
 from ..phases.surface_terms import SurfaceTerms
-from .auto import without_tangents
+from .auto import AnyMedium, without_tangents
 
 if TYPE_CHECKING:
     from .simulation import Simulation
@@ -25,7 +26,9 @@ class Left:
         """Take it from the accepted state (collective)."""
         coupling = simulation.coupling
         loop = simulation.loop
-        self._arrays = coupling.state()
+        self._arrays = {
+            name: array for name, array in coupling.state().items() if ".tangent_" not in name
+        }
         self._memory = without_tangents(coupling.memory())
         self._surfaces = {name: _memories(getattr(coupling, name).surfaces) for name in SURFACES}
         self._clock = loop.clock.state()
@@ -46,13 +49,22 @@ class Left:
             loop.auto.resume(self._memory)
             simulation.measures.remodel(loop.auto.scene)
         schemes, rates = loop.clock.next_schemes(loop.model)
-        coupling.load_state(self._arrays, self._memory, schemes, rates)
+        coupling.load_state(self._arrays, self._with_linear(coupling, rates), schemes, rates)
         for name, memories in self._surfaces.items():
             surfaces = getattr(coupling, name).surfaces
-            surfaces.load({key: memories[_kind(key)] for key in surfaces.memory() if _kind(key) in memories})
+            keys = [key for key in surfaces.memory() if _kind(key) in memories]
+            surfaces.load({key: memories[_kind(key)] for key in keys})
         simulation.measures.load(self._measures, loop.clock.t)
         simulation.quantities.load(simulation.scene.source_path, self._volumes)
         simulation.energy.remodel(*coupling.energies())
+
+    def _with_linear(self, coupling: AnyMedium, rates: Rates) -> dict:
+        """Return the memory with the rates of the linear phases, whose tangent is then made where a
+        restart makes it, the same to the last digit.
+        """
+        made = {"rates": [rates.c_f, rates.c_v, rates.c_a], "built_with": None}
+        linear = [name for name in SURFACES if getattr(coupling, name).is_linear]
+        return self._memory | {name: self._memory[name] | made for name in linear}
 
 
 def _memories(surfaces: SurfaceTerms) -> dict:
