@@ -186,14 +186,22 @@ def _lame(E: Any, nu: Any) -> tuple[Any, Any]:
 
 
 class Fluid(Table):
-    """The pore fluid: rho_fR [kg/m^3], specific weight gamma_fR [N/m^3], viscosity mu_f [Pa s],
-    bulk modulus K_f [Pa].
+    """The pore fluid: rho_fR [kg/m^3], specific weight gamma_fR [N/m^3], viscosity mu_f and that of
+    the Brinkman term [Pa s], bulk modulus K_f [Pa].
     """
 
     density: Positive
     specific_weight: Positive | None = None
     viscosity: Positive | None = None
+    effective_viscosity: Positive | None = None
     bulk_modulus: Positive | None = None
+
+    @property
+    def brinkman_viscosity(self) -> float:
+        """Return the viscosity of the Brinkman term in pores, of the fluid where it is free [Pa s];
+        0 without.
+        """
+        return self.effective_viscosity or self.viscosity or 0.0
 
 
 Direction = Annotated[tuple[Number, ...], ListOf(3, 3)]
@@ -395,6 +403,13 @@ class Material(Table):
                     "received one with a free fluid, which is incompressible; leave it out",
                     "fluid.bulk_modulus",
                 )
+            if self.fluid and self.fluid.effective_viscosity:
+                raise wrong(
+                    "received one with a free fluid, expected pores; leave it out",
+                    "fluid.effective_viscosity",
+                )
+        elif self.fluid and self.fluid.effective_viscosity and not self.fluid.viscosity:
+            raise wrong("received nothing beside an effective_viscosity", "fluid.viscosity")
         elif self.biot_coefficient != 1.0 and self.elastic_law().anisotropic:
             raise wrong(
                 f"received {self.biot_coefficient:g} with the law '{self.solid.law}', expected an"

@@ -119,7 +119,7 @@ def material_of(
     given : coefficients of an entry with fields, over all cells; ratio : its largest λ/μ
     """
     solid, fluid, permeability = entry.solid, entry.fluid, entry.permeability
-    viscosity = (fluid.viscosity or 0.0) if fluid and model.viscosity is True else 0.0
+    viscosity = fluid.brinkman_viscosity if fluid and model.viscosity is True else 0.0
     if not solid:
         assert fluid  # a material has one of them
         return PorousMaterial.free_fluid(fluid.density, viscosity)

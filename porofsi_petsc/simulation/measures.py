@@ -452,7 +452,8 @@ class Measures:
                 ):
                     material = self._at(self._fluid, region, span)
                     h = self._fluid.h[span, None]
-                    viscous = 4 * material.fluid_fraction(J[span]) * entry.fluid.viscosity / h**2
+                    viscosity = entry.fluid.brinkman_viscosity
+                    viscous = 4 * material.fluid_fraction(J[span]) * viscosity / h**2
                     ratio[span] = (viscous / material.drag(J[span]).smallest).max(
                         axis=1, initial=0.0
                     )
