@@ -255,3 +255,41 @@ def test_check_tells_what_is_out_of_balance(weight, share):
     found = float(re.search(r"out of balance .* by (\S+) of", text)[1])
     assert found == pytest.approx(share, rel=0.9, abs=1e-12)
     assert (found > 0.01) == (share > 0)
+
+
+def test_check_tells_the_balance_of_a_solid_without_pores():
+    """A bar under its weight, with the stress that carries it and without."""
+    bar = {
+        "title": "bar",
+        "mesh": {
+            "kind": "rectangle",
+            "x": {"points": [0.0, 1.0], "cells": [2]},
+            "y": {"points": [0.0, 1.0], "cells": [2]},
+        },
+        "time": {"scheme": "steady", "end": 1.0, "step": 1.0},
+        "model": {"solid_inertia": False},
+        "material": [
+            {
+                "region": "body",
+                "solid": {
+                    "law": "linear_elastic",
+                    "young": 1e6,
+                    "poisson": 0.3,
+                    "density": 1000.0,
+                },
+            }
+        ],
+        "body_force": {"solid": {"y": -10.0}},
+        "boundary": [
+            {"on": ["left", "right"], "displacement": {"x": 0.0}},
+            {"on": "bottom", "displacement": {"y": 0.0}},
+            {"on": "top"},
+        ],
+    }
+    for vertical, balanced in (("-1e4*(1 - y)", True), ("-2e4*(1 - y)", False)):
+        scene = load_scene(bar | {"initial": {"stress": {"vertical": vertical, "k0": 0.5}}})
+        with Simulation(scene) as simulation:
+            text = preview(scene, simulation.coupling, simulation.measures)
+        line = next(line for line in text.splitlines() if line.startswith("initial stress"))
+        share = float(re.search(r"first step by (\S+) of", line)[1])
+        assert (share < 1e-12) == balanced

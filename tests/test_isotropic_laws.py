@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from porofsi_petsc import load_scene
+from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.materials import ELASTIC
 
@@ -99,3 +99,17 @@ def test_a_scene_gives_the_terms_as_lists():
     scene = load_scene("ehlers_eipper", ("material.0.solid.law=ogden", *terms))
     law = scene.material[0].elastic_law()
     assert (law.exponents, law.shares) == ((3.0, -2.0), (0.7, 0.3))
+
+
+@pytest.mark.parametrize(
+    "moduli, key",
+    [
+        ("young=1e6,poisson=0.45", r"solid.poisson\]: received 0.45 .* at most 0.333333"),
+        ("mu=4e5,lambda=1e7", r"solid.lambda\]: received 1e\+07 .* at most 2 mu"),
+    ],
+)
+def test_moduli_with_which_a_law_has_no_stiffness_in_tension_are_refused(moduli, key):
+    """Holmes and Mow: from λ > 2μ on a body pushes where it is pulled."""
+    solid = f"{{law='holmes_mow',density=1000.0,stiffening=1.0,{moduli}}}"
+    with pytest.raises(InputError, match=key):
+        Simulation(load_scene("ehlers_eipper", (f"material.0.solid={solid}",)))

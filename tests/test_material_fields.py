@@ -188,6 +188,8 @@ def test_a_graded_law_remembers_as_that_of_each_cell():
         ({"k": "1e-3*(1 + t)"}, "expected a function of position only"),
         ({"k": "1e-3*(1 + z)"}, "expected no z"),
         ({"solid": LAME | {"stiffening": 0.5}, "law": "holmes_mow"}, "not linear in λ and μ"),
+        ({"solid": YOUNG | {"poisson": 0.45, "stiffening": 0.5}, "law": "holmes_mow"},
+         "expected λ/μ of at most 2"),
         ({"law": "ehlers_eipper", "material": {"porosity": "0.4 + 0.1*y"}}, "compaction point"),
         (
             {"solid": YOUNG | {"young_along": 1e7, "poisson_along": 0.1, "shear_along": 4e6,

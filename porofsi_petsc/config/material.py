@@ -16,6 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
+from ..errors import digits
 from ..materials import ELASTIC, PERMEABILITY, ElasticLaw
 from ..materials.viscoelastic import Branch
 from ..registry import Parameter, Registry, parameters
@@ -32,6 +33,8 @@ from .fields import (
     values,
 )
 from .types import ListOf, Number, Positive, Table, Tags, wrong
+
+ROUND_OFF = 1 + 1e-12  # of λ/μ that is made of a Poisson ratio at its bound
 
 PORE_LAWS = ("xie_leo", "ehlers_eipper")
 RIGHT_ANGLE = 1e-6  # largest cosine between axes at right angles
@@ -134,6 +137,7 @@ class Solid(OfLaw):
             raise wrong(f"received {names}, expected either lambda and mu, or young and poisson")
         if self.is_graded:
             return self._require_law_of_fields()
+        self._require_ratio(given == {"lambda_", "mu"})
         if given == {"lambda_", "mu"}:
             if 3 * self.lambda_ + 2 * self.mu <= 0:
                 raise wrong(
@@ -144,6 +148,16 @@ class Solid(OfLaw):
             return self
         lame = dict(zip(("lambda_", "mu"), _lame(self.young, self.poisson), strict=True))
         return self.model_copy(update=lame | {"young": None, "poisson": None})
+
+    def _require_ratio(self, by_lame):
+        """Refuse numbers with a larger λ/μ than the law admits: an energy without a lower bound."""
+        lam, mu = (self.lambda_, self.mu) if by_lame else _lame(self.young, self.poisson)
+        most = ELASTIC[self.law].most_lame_ratio
+        if lam > ROUND_OFF * most * mu:
+            key, value = ("lambda", lam) if by_lame else ("poisson", self.poisson)
+            bound = f"{most:g} mu" if by_lame else f"{most / (2 * (1 + most)):.6g}"
+            text = f"received {digits(value)} with the law '{self.law}', expected at most {bound}"
+            raise wrong(f"{text}, beyond which it has no stiffness in tension", key)
 
     @property
     def is_graded(self) -> bool:
@@ -177,6 +191,9 @@ class Solid(OfLaw):
         if self.is_graded:
             bulk = lam + 2 / 3 * mu
             require(bulk > 0, bulk, "a positive bulk modulus λ + 2/3 μ", place, cells)
+            most = ELASTIC[self.law].most_lame_ratio
+            expected = f"λ/μ of at most {most:g} with the law '{self.law}'"
+            require(lam <= ROUND_OFF * most * mu, lam / mu, expected, place, cells)
         return lam, mu
 
 

@@ -112,8 +112,13 @@ class InterfaceMedium(Medium):
         """Return the accepted velocity of solid and mesh, (n_local, d) [m/s]."""
         return np.where(self._of_solid, self.solid.v, self.motion.v)
 
+    def begin_phases(self, schemes: tuple[Scheme, Scheme], rates: Rates, t: float) -> MeshState:
+        """Do what `Medium.begin_phases` does, and start the step of the mesh."""
+        accepted = super().begin_phases(schemes, rates, t)
+        self.motion.begin_step(schemes[0], t)
+        return accepted
+
     def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
-        self.motion.begin_step(self.solid.scheme, t)
         self.motion.follow(self.solid.end_displacement)
         super()._begin(t, rates, accepted)
 

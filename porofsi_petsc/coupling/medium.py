@@ -86,10 +86,7 @@ class Medium:
         The iterations of a step that fails are added to `failed`.
         schemes : (solid, fluid) time schemes; rates : `phases.coupling_data.Rates`.
         """
-        solid_scheme, fluid_scheme = schemes
-        accepted = self.accepted_mesh_state()
-        self.solid.begin_step(solid_scheme, t)
-        self.fluid.begin_step(fluid_scheme, rates, t, accepted)
+        accepted = self.begin_phases(schemes, rates, t)
         self.convergence.start_step()
         self.convergence.flow_force_per_rate = self.fluid.force_per_rate(rates)
         self._begin(t, rates, accepted)
@@ -98,6 +95,15 @@ class Medium:
         except ConvergenceError:
             self.failed += self._swept
             raise
+
+    def begin_phases(self, schemes: tuple[Scheme, Scheme], rates: Rates, t: float) -> MeshState:
+        """Start a step of the phases from time t: predictors, essential values and loads; return
+        the accepted state of the mesh (collective).
+        """
+        accepted = self.accepted_mesh_state()
+        self.solid.begin_step(schemes[0], t)
+        self.fluid.begin_step(schemes[1], rates, t, accepted)
+        return accepted
 
     def _converge(self, rates: Rates, t: float, step: int) -> None:
         self._swept = 0

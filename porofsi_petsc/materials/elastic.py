@@ -9,6 +9,7 @@ positive.  Units: Pa for energy density, stress and tangent.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ class ElasticLaw:
     # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
     compacts = False
     anisotropic = False  # true: at small strain it is not that of λ and μ alone
+    most_lame_ratio = inf  # the largest λ/μ with which it is a law [-]
 
     @property
     def oedometer_modulus(self) -> float:

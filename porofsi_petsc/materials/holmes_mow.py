@@ -17,6 +17,8 @@ class HolmesMow(TwoInvariants):
     Q = 4β/E_c Ψ_2 with the Ψ_2 of `TwoInvariants` whose c2 = λ/4.
     """
 
+    most_lame_ratio = 2.0
+
     stiffening: float = parameter("-", "β", above=0.0, at_most=100.0, example=0.5)
 
     @property

@@ -448,14 +448,11 @@ class SolidPhase:
 
     def correct(self, residual: np.ndarray) -> None:
         """Solve H δ = -residual, (n_owned, d) [N], and add δ to the trial state: one Newton step of
-        the block, a part of it where a plastic flow overshoots.
-        """
-        """Solve H δ = -residual, (n_owned, d) [N], and add δ to the trial state: one Newton step of
         the block; of a plastic flow the part of it that a line search leaves.
         """
         searched = self.is_plastic and not self._elastic
         own = self._own_force if searched else 0.0
-        increment = self.solve(-residual)
+        increment = self._flowing_step(-residual) if searched else self.solve(-residual)
         self.add(increment)
         if searched:
             shorten(
@@ -463,6 +460,17 @@ class SolidPhase:
                 lambda: self._work(increment, residual - own + self._own_force),
                 lambda part: self.add(part * increment),
             )
+
+    def _flowing_step(self, rhs):
+        """Return H⁻¹ rhs of a plastic flow; where H is singular, say what that means."""
+        try:
+            return self.solve(rhs)
+        except ConvergenceError as error:
+            raise ConvergenceError(
+                f"the {self.noun} flows as a whole, its tangent has no inverse ({error.what})",
+                "take smaller steps (time.step): the first one is at most a tenth of what the body"
+                " can bear; beyond its collapse load no step helps",
+            ) from error
 
     @property
     def _own_force(self):

@@ -253,9 +253,7 @@ def _initial_stress(scene, coupling):
     if not scene.initial.stress.components(scene.dim):
         return
     schemes, rates = Clock(scene.time).next_schemes(at_start(scene).model)
-    accepted = coupling.accepted_mesh_state()
-    coupling.solid.begin_step(schemes[0], 0.0)
-    coupling.fluid.begin_step(schemes[1], rates, 0.0, accepted)
+    coupling.begin_phases(schemes, rates, 0.0)
     flow = coupling.flow(coupling.fluid.residual(coupling.mesh_state()))
     residual, largest = coupling.solid.residual(flow).norms()
     coupling.reset()
