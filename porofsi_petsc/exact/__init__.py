@@ -1,4 +1,4 @@
-"""Exact solutions of porous media, of free flows and of a ring in a fluid.
+"""Exact solutions of porous media, of free flows, of a ring and of a cylinder in a fluid.
 
 NumPy and SciPy only, and nothing of the package: they judge it.
 
@@ -11,6 +11,7 @@ from .confined import confined_ratio
 from .consolidation import Terzaghi, XieLeo
 from .cryer import Cryer
 from .dynamic import CompressibleColumn, DynamicColumn
+from .falling import FallingCylinder
 from .flows import EthierSteinman, Kovasznay, TaylorGreen
 from .mandel import Mandel
 from .ring import Ring
@@ -25,6 +26,7 @@ __all__ = [
     "Cryer",
     "DynamicColumn",
     "EthierSteinman",
+    "FallingCylinder",
     "Kovasznay",
     "Mandel",
     "Ring",

@@ -16,7 +16,8 @@ class Mesh:
     points : (N, d) coordinates [m].  cells : (E, A) nodes, positively oriented, VTK node order.
     cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the
     (first) adjacent cell.  values : name -> (E,) numbers of cells that a file gives.  notes :
-    sentences on what the file has and the mesh does not.
+    sentences on what the file has and the mesh does not.  derived : tags that follow from the
+    regions, which make no other mesh.
     """
 
     points: np.ndarray
@@ -27,6 +28,7 @@ class Mesh:
     facets: dict[str, np.ndarray]
     notes: tuple[str, ...] = ()
     values: dict[str, np.ndarray] = field(default_factory=dict)
+    derived: tuple[str, ...] = ()
 
     @property
     def dim(self) -> int:
@@ -42,7 +44,7 @@ class Mesh:
         digest = hashlib.sha256((kind or self.element.name).encode())
         for array in (self.points, self.cells, self.cell_region):
             digest.update(np.ascontiguousarray(array).tobytes())
-        for tag in sorted(self.facets):
+        for tag in sorted(set(self.facets) - set(self.derived)):
             digest.update(tag.encode())
             digest.update(np.ascontiguousarray(self.facets[tag]).tobytes())
         for name in sorted(self.values):

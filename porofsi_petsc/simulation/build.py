@@ -13,7 +13,7 @@ from ..mesh.check import boundary_tags, require_every_tag, require_regions, requ
 from ..mesh.excerpt import excerpt
 from ..mesh.generate import box, rectangle
 from ..mesh.graph import node_graph
-from ..mesh.interface import INTERFACE, with_interface
+from ..mesh.interface import INTERFACE, with_interface, with_interface_of
 from ..mesh.mesh import Mesh
 from ..mesh.read import Reading, read_mesh
 from ..mesh.select import with_tags
@@ -93,6 +93,7 @@ def _checked(scene, mesh):
         mesh = with_interface(
             mesh, {region for region, kind in kinds.items() if kind == "fluid"}, wetted
         )
+    mesh = with_interface_of(mesh, kinds, {tag for _, s in scene.named_surfaces for tag in s.on})
     for i, boundary in enumerate(scene.boundary):
         require_tags(mesh, boundary.on, f"{where} [boundary.{i}.on]")
     for i, tie in enumerate(scene.tie):

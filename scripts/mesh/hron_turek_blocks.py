@@ -10,6 +10,7 @@ from pathlib import Path
 import command_line
 import numpy as np
 
+from mesh.blocks import TOLERANCE, joined, middles, ruled
 from porofsi_petsc.elements import ELEMENTS
 from porofsi_petsc.mesh.interface import INTERFACE, with_interface
 from porofsi_petsc.mesh.mesh import Mesh
@@ -21,7 +22,6 @@ CENTRE, RADIUS = np.array([0.2, 0.2]), 0.05  # cylinder [m]
 TIP, HALF = 0.6, 0.01  # end of the beam and half its thickness [m]
 ROOT = np.arcsin(HALF / RADIUS)  # half the angle of the arc on which the beam stands
 BOX = 0.1  # half the side of the square around the cylinder [m]
-TOLERANCE = 1e-9  # of coordinates [m]
 # Of a direction at level 0: cells, and size of the last over the first.
 UPSTREAM = 4, 1.0
 RADIAL = 6, 3.0
@@ -51,21 +51,8 @@ def main():
 
 def channel(level, element, parts):
     """Return the mesh of fluid and beam, or of one of them."""
-    grids = [(name, grid) for name, blocks in _blocks(level).items() for grid in blocks]
-    numbers = np.cumsum([0, *(grid[..., 0].size for _, grid in grids)])
-    cells = [
-        first + _cells(grid.shape[:2], element)
-        for (_, grid), first in zip(grids, numbers[:-1], strict=True)
-    ]
-    region = np.repeat([PARTS["both"].index(name) for name, _ in grids], [len(c) for c in cells])
-    points = np.vstack([grid.reshape(-1, 2) for _, grid in grids])
-    _, first, number = np.unique(
-        (points / TOLERANCE).round(), axis=0, return_index=True, return_inverse=True
-    )
-    whole = _oriented(points[first], number.ravel()[np.vstack(cells)], element)
-    mesh = with_interface(
-        Mesh(points[first], whole, element, PARTS["both"], region, {}), ["beam"], ()
-    )
+    mesh = joined(_blocks(level), element)
+    mesh = with_interface(mesh, ["beam"], ())
     return _part(replace(mesh, facets=mesh.facets | _sides(mesh)), parts)
 
 
@@ -76,7 +63,7 @@ def _graded(level, cells, ratio):
     n = cells * 2**level
     sizes = ratio ** (np.arange(n) / (n - 1))
     ends = np.concatenate([[0.0], np.cumsum(sizes) / sizes.sum()])
-    return np.insert(ends, np.arange(1, n + 1), (ends[1:] + ends[:-1]) / 2)
+    return middles(ends)
 
 
 def _blocks(level):
@@ -89,10 +76,6 @@ def _blocks(level):
     def arc(start, end, cells, ratio):
         angle = start + (end - start) * _graded(level, cells, ratio)
         return CENTRE + RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-    def ruled(first, last, cells, ratio):
-        t = _graded(level, cells, ratio)[:, None, None]
-        return (1 - t) * first + t * last
 
     def rectangle(x, y):
         return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
@@ -134,7 +117,7 @@ def _blocks(level):
         (arc(-quarter, -ROOT, *ARC), line((right, low), (right, y - HALF), *backward["beside"])),
         (arc(ROOT, quarter, *ARC), line((right, y + HALF), (right, high), *BESIDE)),
     ]
-    fluid += [ruled(inner, outer, *RADIAL) for inner, outer in ring]
+    fluid += [ruled(inner, outer, _graded(level, *RADIAL)) for inner, outer in ring]
     foot = [
         (
             arc(-ROOT, 0.0, *backward["across"]),
@@ -142,26 +125,9 @@ def _blocks(level):
         ),
         (arc(0.0, ROOT, *ACROSS), line((right, y), (right, y + HALF), *ACROSS)),
     ]
-    solid = [ruled(inner, outer, *RADIAL) for inner, outer in foot]
+    solid = [ruled(inner, outer, _graded(level, *RADIAL)) for inner, outer in foot]
     solid += [rectangle(columns["along"], rows[r]) for r in beam]
     return {"fluid": fluid, "beam": solid}
-
-
-def _cells(shape, element):
-    """Return the nodes of the cells of a grid of so many points, ends and middles, (E, A)."""
-    number = np.arange(shape[0] * shape[1]).reshape(shape)
-    steps = np.rint(2 * element.node_coordinates).astype(int)
-    return np.stack(
-        [number[i : shape[0] - 2 + i : 2, j : shape[1] - 2 + j : 2].ravel() for i, j in steps],
-        axis=1,
-    )
-
-
-def _oriented(points, cells, element):
-    """Return the cells, those turned over mirrored."""
-    X = points[cells[:, : element.n_vertices]]
-    turned = np.linalg.det(element.cell.vertex_gradient.T @ X) < 0
-    return np.where(turned[:, None], cells[:, element.mirror], cells)
 
 
 def _sides(mesh):
