@@ -476,14 +476,6 @@ def check_materials(materials: Sequence[Material], brinkman: bool | Literal["aut
             raise wrong(
                 "received nothing, expected a number [Pa s], which model.viscosity needs", key
             )
-    kinds = {material.kind for material in materials}
-    if kinds == {"porous", "solid"}:
-        other = next(i for i, material in enumerate(materials) if material.kind == "solid")
-        text = (
-            "received a solid without pores beside porous materials, expected a free fluid too, or"
-            " none of the two"
-        )
-        raise wrong(text, f"material.{other}")
     if "all" in owner and len(owner) > 1:
         raise wrong(
             "received 'all' beside other regions, expected 'all' alone",

@@ -172,10 +172,11 @@ class Scene(Table):
 
     @property
     def is_porous(self) -> bool:
-        """Return whether all materials are porous media; else there are free fluids or solids
+        """Return whether there are porous media and no free fluid; beside them there may be solids
         without pores.
         """
-        return all(material.kind == "porous" for material in self.material)
+        kinds = {material.kind for material in self.material}
+        return "porous" in kinds and "fluid" not in kinds
 
     @property
     def is_plastic(self) -> bool:
@@ -461,7 +462,7 @@ class Scene(Table):
         """
         if not self.precice:
             return
-        if len({material.kind for material in self.material} | {"porous"}) != 2:
+        if {material.kind for material in self.material} not in ({"solid"}, {"fluid"}):
             text = "expected solids without pores alone, or a free fluid alone"
             raise wrong(f"received one with other materials, {text}", "precice")
         time = self.time

@@ -30,7 +30,7 @@ PENALTY = 1.2
 
 def weak_zero_on(domain: Domain, tags: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (F,) of elements of the domain and `kernels.surface.weak_zero` (F, A, A) on the
-    facets of the tags.
+    facets of the tags that it has.
 
     Reference configuration; the penalty is that of the mass behind the surface.
     """
@@ -40,7 +40,8 @@ def weak_zero_on(domain: Domain, tags: Iterable[str]) -> tuple[np.ndarray, np.nd
     cells = np.concatenate([f.cells for f in facets] or [np.zeros(0, dtype=int)])
     local = np.concatenate([f.local for f in facets] or [np.zeros(0, dtype=int)])
     rows = domain.row_of_cell[cells]
-    terms = np.empty((len(cells), element.nodes, element.nodes))
+    rows, local = rows[rows >= 0], local[rows >= 0]
+    terms = np.empty((len(rows), element.nodes, element.nodes))
     bound = PENALTY * element.trace_constant
     for number, nodes in enumerate(element.facets):
         here = local == number

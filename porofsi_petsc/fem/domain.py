@@ -5,7 +5,7 @@ cache.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -108,6 +108,10 @@ class Domain:
     def n_cells(self) -> int:
         """Return the number of local elements."""
         return len(self.cells)
+
+    def rows_of(self, part: Domain) -> np.ndarray:
+        """Return the rows here of the elements of a part of the domain, (E,)."""
+        return self.row_of_cell[part.cell_numbers]
 
     def gather(self, field: np.ndarray, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
         """Return the nodal values of some elements, (E, A, ...), of a field (n_local, ...)."""
@@ -231,11 +235,23 @@ class Configuration:
     geometry : mass-rule gradients and weights; J (E, Q) volume ratio dv/dV to the reference
     configuration;
     second : `SecondDerivatives` on the same rule, or None where they vanish or are not needed
+    wet : the same of the elements that carry a fluid, None where all do
     """
 
     geometry: Geometry
     J: np.ndarray
     second: SecondDerivatives | None
+    wet: Configuration | None = None
+
+    @property
+    def of_fluid(self) -> Configuration:
+        """Return the configuration of the elements that carry a fluid."""
+        return self if self.wet is None else self.wet
+
+    def with_fluid_in(self, rows: np.ndarray) -> Configuration:
+        """Return the same configuration, of which some elements carry a fluid."""
+        second = self.second and self.second.part(rows)
+        return replace(self, wet=Configuration(self.geometry.part(rows), self.J[rows], second))
 
     @classmethod
     def reference(cls, domain: Domain, with_hessian: bool = False) -> Configuration:

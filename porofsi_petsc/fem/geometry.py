@@ -65,8 +65,8 @@ class Geometry:
     dV: np.ndarray
     hoop: np.ndarray | None = None
 
-    def part(self, chunk: slice) -> Geometry:
-        """Return the geometry of a slice of the elements."""
+    def part(self, chunk: slice | np.ndarray) -> Geometry:
+        """Return the geometry of some of the elements."""
         return Geometry(
             self.G[chunk], self.dV[chunk], None if self.hoop is None else self.hoop[chunk]
         )
@@ -214,8 +214,8 @@ class SecondDerivatives:
         bend = _by_reference(rule, coordinates - coordinates[:, :1])
         return cls(rule, geometry_of_elements.G, bend, reference_slope, hoop, slope)
 
-    def part(self, chunk: slice) -> SecondDerivatives:
-        """Return those of a slice of the elements."""
+    def part(self, chunk: slice | np.ndarray) -> SecondDerivatives:
+        """Return those of some of the elements."""
         hoop, slope = (
             None if array is None else array[chunk] for array in (self.hoop, self.radial_slope)
         )

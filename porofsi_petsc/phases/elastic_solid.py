@@ -56,7 +56,7 @@ class ElasticSolid(SolidPhase):
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of an immersed
         solid.
         """
-        configuration = self.mesh_state().configuration
+        configuration = self.configuration
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             drag = self.setup.material(region, chunk).drag(configuration.J[chunk])
             geometry = configuration.geometry.part(chunk)

@@ -51,6 +51,7 @@ class QuasiDirectSystem:
         self._linear = solid.is_linear and fluid.is_linear
         self.mesh = solid.mesh
         self.stopwatch = solid.stopwatch
+        self._wet = solid.domain.rows_of(fluid.domain)
 
     def _new_solver(self, matrix):
         sweep = PhaseSweep(self, self._solid, self._fluid)
@@ -113,9 +114,9 @@ class QuasiDirectSystem:
         for chunk, K in self._solid.exchange_tangents(rates):
             values[chunk, :, :d, :, d:] = K
         for chunk, K in self._fluid.exchange_tangents(rates, mesh_state):
-            values[chunk, :, d:, :, :d] = K
+            values[self._wet[chunk], :, d:, :, :d] = K
         for chunk, K in self._fluid.trial_tangents(rates, mesh_state):
-            values[chunk, :, d:, :, d:] = K
+            values[self._wet[chunk], :, d:, :, d:] = K
 
     def _combine(self, values):
         """Change the variables of the element matrices in place; walls without slip take the fluid
@@ -204,7 +205,7 @@ class DirectSystem(QuasiDirectSystem):
         for chunk, K in self._solid.shape_tangents(self._fluid.flow()):
             values[chunk, :, :d, :, :d] += K
         for chunk, K in self._fluid.shape_tangents(mesh_state):
-            values[chunk, :, d:, :, :d] += K
+            values[self._wet[chunk], :, d:, :, :d] += K
 
 
 class PhaseSweep:

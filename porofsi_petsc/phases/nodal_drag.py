@@ -42,7 +42,7 @@ def dragged_part(
     free: np.ndarray,
 ) -> np.ndarray:
     """Return χ, δv_f = χ δv_s of what the drag does to the fluid, the mean of a node's elements,
-    (n_local,), or (n_local, d, d) (collective).
+    0 without any, (n_local,), or (n_local, d, d) (collective).
 
     The tensors fulfil (S + ρ_f c_f) δv_f = S δv_s in the components of v_f that are free (n_local,
     d): those that are held keep the others from moving with the skeleton.
@@ -64,7 +64,8 @@ def dragged_part(
         values = _at_points(domain, materials, configuration, values).mean(axis=1)
         ones = _nodal_sum(domain, np.ones(domain.n_cells))
         total = _nodal_sum(domain, values)
-        return domain.mesh.halo.extend(total / ones.reshape(-1, *(1,) * (total.ndim - 1)))
+        count = np.maximum(ones, 1.0).reshape(-1, *(1,) * (total.ndim - 1))
+        return domain.mesh.halo.extend(total / count)
 
     if not _have_axes(materials):
         return mean(fraction)

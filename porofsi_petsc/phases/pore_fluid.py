@@ -55,6 +55,14 @@ class PoreFluid(FluidPhase):
         unilateral = any(place.condition.unilateral for place in self.setup.fluxes)
         return super().is_linear and not unilateral
 
+    def set_initial(
+        self, velocity: np.ndarray, pressure: np.ndarray | float = 0.0, balanced: bool = False
+    ) -> None:
+        """Set the state at the start, zero at nodes without pores; see `FluidPhase.set_initial`."""
+        wet = self.domain.holds
+        velocity = np.where(wet[:, None], velocity, 0.0)
+        super().set_initial(velocity, np.where(wet, pressure, 0.0), balanced)
+
     def _new_solver(self, matrix: BlockMatrix) -> LinearSolver:
         return self.setup.linear_solver(matrix, operators=False)
 

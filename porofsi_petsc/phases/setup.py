@@ -130,12 +130,14 @@ class SolidSetup(PhaseSetup):
 
 @dataclass(frozen=True, kw_only=True)
 class SkeletonSetup(SolidSetup):
-    """The skeleton of a porous medium.
+    """The skeleton of a porous medium, and solids without pores that share nodes with it.
 
-    with_hessian : whether the fluid wants second derivatives; mass_scaling : factor of the mass in
-    the tangent of the split "scaled", or "optimal"
+    fluid : the part of the domain that has pores, itself where all of it has; with_hessian :
+    whether the fluid wants second derivatives; mass_scaling : factor of the mass in the tangent of
+    the split "scaled", or "optimal"
     """
 
+    fluid: Domain
     with_hessian: bool
     mass_scaling: float | str | None
 
@@ -306,10 +308,11 @@ class PoreFluidSetup(FluidSetup):
 
     @cached_property
     def mask(self) -> np.ndarray:
-        """Return where (v, p[, s]) is prescribed, (n_local, m) bool."""
+        """Return where (v, p[, s]) is prescribed or there are no pores, (n_local, m) bool."""
         velocity = self.velocity.mask | self.no_slip[:, None]
         auxiliary = [self.stress_nodes] if self.has_auxiliary else []
-        return np.column_stack([velocity, self.pressure.mask, *auxiliary])
+        given = np.column_stack([velocity, self.pressure.mask, *auxiliary])
+        return given | ~self.domain.holds[:, None]
 
 
 @dataclass(frozen=True, kw_only=True)

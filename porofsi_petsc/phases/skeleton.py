@@ -1,4 +1,6 @@
-"""The skeleton of a porous medium: pressure and drag of the fluid in its pores."""
+"""The skeleton of a porous medium: pressure and drag of the fluid in its pores, and the solids
+without pores beside it.
+"""
 
 from collections.abc import Iterator
 
@@ -13,19 +15,31 @@ from .solid import SolidPhase
 
 
 class Skeleton(SolidPhase):
-    """The solid of a saturated porous medium, which carries the mesh of its fluid."""
+    """The solid of a saturated porous medium, which carries the mesh of its fluid; elements without
+    pores have neither pressure nor drag.
+    """
 
     setup: SkeletonSetup
     noun = "skeleton"
 
     def __init__(self, setup: SkeletonSetup) -> None:
         """Take the setup (collective)."""
+        self._wet = None if setup.fluid is setup.domain else setup.domain.rows_of(setup.fluid)
         super().__init__(setup, setup.with_hessian)
+        self._reference = self._with_wet(self._reference)
+
+    def _configuration_at(self, u):
+        found = super()._configuration_at(u)
+        return found if found is self._reference else self._with_wet(found)
+
+    def _with_wet(self, configuration):
+        """Return a configuration that knows which of its elements carry the fluid."""
+        return configuration if self._wet is None else configuration.with_fluid_in(self._wet)
 
     def _flow_terms(self, flow: Flow) -> dict[str, np.ndarray]:
         terms = self._coupling_terms(flow)
         domain = self.domain
-        geometry = self.mesh_state().configuration.geometry
+        geometry = self.configuration.geometry
         for region, chunk in domain.chunks(self._doubles_per_cell):
             alpha = self.setup.material(region, chunk).biot
             if alpha != 1.0:
@@ -47,10 +61,12 @@ class Skeleton(SolidPhase):
         split = self.setup.split
         if split == "plain":
             return self._plain_weights(material, configuration, chunk, rates)
+        inertia = material.rho_s * rates.c_a * self.domain.reference.dV[chunk]
+        if not material.has_pores:
+            return inertia if rates.c_a else None
         J = configuration.J[chunk]
         dV = configuration.geometry.dV[chunk]
         drag = material.drag(J)
-        inertia = material.rho_s * rates.c_a * self.domain.reference.dV[chunk]
         if split == "scaled":
             return self._scaled_mass(material, inertia, J, drag, dV, rates)
         if not (rates.c_a or rates.c_f):
@@ -77,30 +93,42 @@ class Skeleton(SolidPhase):
         """Yield (chunk, derivative (E, A, d, A, d + 1) of the residual by v_f and p) of the trial
         state.
         """
-        configuration = self.mesh_state().configuration
+        configuration = self.configuration
         surfaces = self.surfaces.exchanges(self._surface_state, Slope(1.0, rates.c_v))
+        d = self.mesh.dim
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             material = self.setup.material(region, chunk)
-            J = configuration.J[chunk]
-            n = material.fluid_fraction(J)
-            geometry = configuration.geometry.part(chunk)
-            N = self.domain.mass.N
-            K = exchange.solid_by_flow(N, geometry, n, material.drag(J))
-            if material.biot != 1.0:
-                K[..., -1] += storage.grain_tangent(N, geometry, material.biot)
-            surfaces.add_to(K, chunk, column=self.mesh.dim)
+            if material.has_pores:
+                K = self._pore_exchange(material, configuration, chunk)
+            else:
+                K = np.zeros(
+                    (*self.domain.cells[chunk].shape, d, self.domain.cells.shape[1], d + 1)
+                )
+            surfaces.add_to(K, chunk, column=d)
             yield chunk, K
+
+    def _pore_exchange(self, material, configuration, chunk):
+        """Return the derivative of pressure and drag by v_f and p, (E, A, d, A, d + 1)."""
+        J = configuration.J[chunk]
+        geometry = configuration.geometry.part(chunk)
+        N = self.domain.mass.N
+        K = exchange.solid_by_flow(N, geometry, material.fluid_fraction(J), material.drag(J))
+        if material.biot != 1.0:
+            K[..., -1] += storage.grain_tangent(N, geometry, material.biot)
+        return K
 
     def shape_tangents(self, flow: Flow) -> Iterator[tuple[slice, np.ndarray]]:
         """Yield (chunk, derivative (E, A, d, A, d) of the residual by the moving mesh's geometry)
         of the trial state.
         """
         domain = self.domain
-        configuration = self.mesh_state().configuration
+        configuration = self.configuration
         p = domain.gather(flow.pressure)
         w = domain.gather(flow.velocity - self.velocity)
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = self.setup.material(region, chunk)
+            if not material.has_pores:
+                continue
             J = configuration.J[chunk]
             n = material.fluid_fraction(J)
             drag = material.drag(J)

@@ -172,27 +172,39 @@ class SolidPhase:
         """Return the velocity on the collocation level, (n_local, d) [m/s]."""
         return self.scheme.velocity_level(self.v, self._v1)
 
+    @property
+    def configuration(self) -> Configuration:
+        """Return the configuration of the trial state; raises ConvergenceError when an element is
+        inverted.
+        """
+        if self._configuration is None:
+            self._configuration = self._configuration_at(self._u_alpha)
+        return self._configuration
+
+    @property
+    def accepted_configuration(self) -> Configuration:
+        """Return the configuration of the accepted state."""
+        if self._accepted_configuration is None:
+            self._accepted_configuration = self._configuration_at(self.u)
+        return self._accepted_configuration
+
     def mesh_state(self) -> MeshState:
         """Return what the fluid needs of the trial state; raises ConvergenceError when an element
         is inverted.
         """
-        if self._configuration is None:
-            self._configuration = self._configuration_at(self._u_alpha)
-        return MeshState(
-            self._configuration, self.velocity, self._v1, self._u_alpha, self.setup.moving_mesh
-        )
+        return self._carrier(self.configuration, self.velocity, self._v1, self._u_alpha)
 
     def mesh_state_at(self, u: np.ndarray, v: np.ndarray) -> MeshState:
         """Return the same for a displacement and a velocity, both (n_local, d)."""
-        return MeshState(self._configuration_at(u), v, v, u, self.setup.moving_mesh)
+        return self._carrier(self._configuration_at(u), v, v, u)
 
     def accepted_mesh_state(self) -> MeshState:
         """Return the same for the accepted state."""
-        if self._accepted_configuration is None:
-            self._accepted_configuration = self._configuration_at(self.u)
-        return MeshState(
-            self._accepted_configuration, self.v, self.v, self.u, self.setup.moving_mesh
-        )
+        return self._carrier(self.accepted_configuration, self.v, self.v, self.u)
+
+    def _carrier(self, configuration, velocity, end_velocity, displacement):
+        moving = self.setup.moving_mesh
+        return MeshState(configuration.of_fluid, velocity, end_velocity, displacement, moving)
 
     def _configuration_at(self, u):
         if not self.setup.moving_mesh:
@@ -282,11 +294,13 @@ class SolidPhase:
     def _coupling_terms(self, flow):
         """Return the pressure and the drag of a fluid in the pores, name -> (n_owned, d) [N]."""
         domain = self.domain
-        configuration = self.mesh_state().configuration
+        configuration = self.configuration
         relative = flow.velocity - self.velocity
         terms = {name: np.zeros(self.unknowns.shape) for name in ("pressure", "drag")}
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = self.setup.material(region, chunk)
+            if not material.has_pores:
+                continue
             current = configuration.geometry.part(chunk)
             p = domain.gather(flow.pressure, chunk)
             w = domain.gather(relative, chunk)
@@ -434,12 +448,12 @@ class SolidPhase:
         if self._rule.due(rates, iterations):
             point = {"u": self.u} | ({"v": self.v} if self.surfaces.places else {})
             self._rule.store(rates, point)
-            self._assemble(self.u, self.v, self.accepted_mesh_state().configuration, rates)
+            self._assemble(self.u, self.v, self.accepted_configuration, rates)
 
     def renew_tangent(self, rates: Rates) -> None:
         """Assemble the tangent at the trial state (full Newton)."""
         self._rule.forget()
-        configuration = self.mesh_state().configuration
+        configuration = self.configuration
         self._assemble(self._u_alpha, self.velocity, configuration, rates, self._linear_from)
 
     def expire_tangent(self) -> None:
@@ -537,7 +551,7 @@ class SolidPhase:
         corrected split's terms and what couples whole surfaces.
         """
         surfaces = self.surfaces.tangents(self._surface_state, Slope(1.0, rates.c_v))
-        configuration = self.mesh_state().configuration
+        configuration = self.configuration
         weights = self._plain_weights
         return self._tangents(
             self._u_alpha, configuration, rates, surfaces, weights, self._linear_from

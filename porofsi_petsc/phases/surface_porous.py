@@ -32,6 +32,8 @@ class MixtureForce(SolidForce):
 
     def _loads_of_stress(self, nodes, material, state, rows):
         effective = super()._loads_of_stress(nodes, material, state, rows)
+        if not material.has_pores:
+            return effective
         moved = self._domain.mesh.X + (state.u if self._setup.moving_mesh else 0.0)
         v = self._domain.gather(state.v, rows)
         p = self._domain.gather(state.p, rows)

@@ -24,7 +24,7 @@ from .fall_back import tried_by_itself
 from .interface import InterfaceBuilder
 from .locking import require_no_locking
 from .porous import PorousBuilder
-from .sides import check_sides, check_surfaces
+from .sides import check_dry, check_sides, check_surfaces
 from .start import put_at_start
 from .supports import require_supports
 
@@ -102,7 +102,9 @@ def _checked(scene, mesh):
         sorted(outer), [tag for boundary in scene.boundary for tag in boundary.on], where
     )
     check_axis(scene, on_axis, where)
-    if not scene.is_porous:
+    if scene.is_porous:
+        check_dry(scene, mesh, kinds, where)
+    else:
         check_sides(scene, mesh, kinds, where)
     check_surfaces(scene, mesh, kinds, where)
     require_supports(scene, mesh, kinds, where)

@@ -154,20 +154,21 @@ class Measures:
                 )
         return self._in_fluid(values)
 
-    def stress(self, u: np.ndarray) -> np.ndarray:
+    def stress(self, u: np.ndarray, part: Domain | None = None) -> np.ndarray:
         """Return the effective Cauchy stress σ_E at the nodes, (n_owned, 6) [Pa]: xx, xy, xz, yy,
         yz, zz (2-D: plane strain, zz across the plane), around an axis rr, rz, 0, zz, 0, θθ.
 
         That of the displacement gradient which each element has at the node, averaged over the
-        elements there: of the order of the gradient, at a boundary too.
+        elements there, those of a part of the solid if one is given: of the order of the gradient,
+        at a boundary too.
         """
-        return self._averaged(u, _cauchy)
+        return self._averaged(u, _cauchy, part)
 
-    def strain(self, u: np.ndarray) -> np.ndarray:
+    def strain(self, u: np.ndarray, part: Domain | None = None) -> np.ndarray:
         """Return the strain at the nodes, (n_owned, 6) [-], in the order of `stress` and averaged
         as it is: Green's, of a law for small strain the symmetric displacement gradient.
         """
-        return self._averaged(u, _strain)
+        return self._averaged(u, _strain, part)
 
     def plastic_strain(self) -> np.ndarray:
         """Return the accumulated plastic strain of the accepted state at the nodes, (n_owned, 1)
@@ -182,7 +183,7 @@ class Measures:
                 values[chunk, :, 0] = np.maximum(law.plastic_strain(at_nodes), 0.0)
         return self._in_solid(values)
 
-    def _averaged(self, u, tensor):
+    def _averaged(self, u, tensor, part):
         """Return the averages, (n_owned, 6), of tensor(law, H) -> (..., 3, 3) at nodes."""
         domain = self._solid
         values = np.empty((*domain.cells.shape, 6))
@@ -196,7 +197,9 @@ class Measures:
             found = tensor(law, H)
             pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
             values[chunk] = np.stack([found[..., i, j] for i, j in pairs], axis=-1)
-        return self._in_solid(values)
+        if part is None:
+            return self._in_solid(values)
+        return NodalAverage(part)(values[domain.rows_of(part)])
 
     def _at_nodes(self, chunk):
         """Return the `Geometry` of some elements of the solid at their nodes, reference
@@ -446,9 +449,14 @@ class Measures:
         J = self._volume_ratio(u)
         for entry in self._scene.material:
             for region, span in self._fluid.region_slices.items():
-                if entry.fluid.viscosity and region in (
-                    *entry.region,
-                    region if entry.region == ("all",) else None,
+                if (
+                    entry.fluid
+                    and entry.fluid.viscosity
+                    and region
+                    in (
+                        *entry.region,
+                        region if entry.region == ("all",) else None,
+                    )
                 ):
                     material = self._at(self._fluid, region, span)
                     h = self._fluid.h[span, None]
@@ -513,6 +521,8 @@ def _porous_omissions(scene, left_out):
         remedy = 'set model.porosity = "variable" and model.moving_mesh = true'
         meaning = "largest change of n_f that n_s = n_s0/J would give, over n_f"
         yield left_out("porosity_change", "porosity", remedy, meaning)
-    if not model.viscosity and any(entry.fluid.viscosity for entry in scene.material):
+    if not model.viscosity and any(
+        entry.fluid and entry.fluid.viscosity for entry in scene.material
+    ):
         meaning = "viscous (Brinkman) over drag force at element scale"
         yield left_out("viscosity", "viscosity", "set model.viscosity = true", meaning)

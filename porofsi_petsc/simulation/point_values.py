@@ -53,7 +53,17 @@ class PointValues:
         of_flow = _Phase("fluid", "solid", coupling.fluid.domain, self._in_fluid)
         of_stress = _Phase("solid", "fluid", coupling.solid.domain, self._in_solid)
         of_flow.require(places, _is_of_flow, where)
+        self._is_wet = of_flow.inside() > 1 - WET
+        self._dry = self._dry_part()
         of_stress.require(places, OF_STRESS.__contains__, where)
+
+    def _dry_part(self):
+        """Return the solids without pores beside the porous media of a scene, whose stress is
+        another one on their common surface; None without any (collective).
+        """
+        solid, fluid = (phase.domain for phase in (self._coupling.solid, self._coupling.fluid))
+        dry = set(solid.regions) - set(fluid.regions)
+        return Domain(self._mesh, dry) if self._scene.is_porous and dry else None
 
     def values(self) -> dict[str, np.ndarray]:
         """Return quantity -> values at all points, (n,) (collective)."""
@@ -98,17 +108,32 @@ class PointValues:
         asked = self._asked & set(OF_STRESS) - {PLASTIC_STRAIN}
         if not asked:
             return found
+        if self._dry is None:
+            return found | stress_values(asked, *self._at_points(asked, None))
+        wet, dry = (
+            self._at_points(asked, part) for part in (self._coupling.fluid.domain, self._dry)
+        )
+        stress, strain, borne = (
+            np.where(self._is_wet[:, None] if a.ndim == 2 else self._is_wet, a, b)
+            for a, b in zip(wet, (*dry[:2], np.zeros_like(dry[2])), strict=True)
+        )
+        return found | stress_values(asked, stress, strain, borne)
+
+    def _at_points(self, asked, part):
+        """Return stress, strain (n, 6) and borne pressure (n,) at all points by the averages over
+        the elements of a part of the solid, None for all of it.
+        """
         u = self._coupling.solid.u
         zero = np.zeros((self._mesh.n_owned, 6))
         of_strain = asked & set(TENSORS["strain"])
         nodal = [
-            self._measures.stress(u) if asked - of_strain else zero,
-            self._measures.strain(u) if of_strain else zero,
+            self._measures.stress(u, part) if asked - of_strain else zero,
+            self._measures.strain(u, part) if of_strain else zero,
         ]
         borne = self._coupling.fluid.borne_pressure
         fields = np.column_stack([self._mesh.halo.extend(np.hstack(nodal)), borne])
         at = self._in_solid.evaluate(fields)
-        return found | stress_values(asked, at[:, :6], at[:, 6:12], at[:, 12])
+        return at[:, :6], at[:, 6:12], at[:, 12]
 
     def _fields(self):
         """Return the values of every field that is asked for, name -> (n, k)."""
@@ -143,7 +168,7 @@ def _probes_in(domain: Domain, places: Sequence[Place]) -> Probes:
 
 
 def _is_of_flow(quantity: str) -> bool:
-    return quantity == "p" or quantity.startswith("vf_")
+    return quantity in ("p", "n_f") or quantity.startswith("vf_")
 
 
 class _Phase(NamedTuple):
@@ -154,11 +179,17 @@ class _Phase(NamedTuple):
     domain: Domain
     probes: Probes
 
+    def inside(self):
+        """Return the sum of the shape functions of the phase's nodes at all points, (n,): 1 inside
+        of it and on its surface (collective).
+        """
+        return self.probes.evaluate(self.domain.holds[:, None].astype(float))[:, 0]
+
     def require(self, places, concerns, where):
         """Raise InputError where a place of quantities that concern the phase is not in it
         (collective).
         """
-        inside = self.probes.evaluate(self.domain.holds[:, None].astype(float))[:, 0]
+        inside = self.inside()
         for i, place in enumerate(places):
             asked = [name for name in place.quantities if concerns(name)]
             if asked and inside[i] < 1 - WET:

@@ -1,4 +1,6 @@
-"""From a scene of porous media to skeleton, pore fluid and their coupling."""
+"""From a scene of porous media, and solids without pores that share nodes with them, to skeleton,
+pore fluid and their coupling.
+"""
 
 from ..conditions import CONDITIONS
 from ..config import Scene
@@ -6,7 +8,7 @@ from ..coupling.medium import Medium
 from ..coupling.monolithic import MonolithicCoupling
 from ..coupling.porous import GUARDS, PorousCoupling
 from ..errors import InputError
-from ..fem.boundary import weak_zero_on
+from ..fem.boundary import tags_of, weak_zero_on
 from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..linalg.stopwatch import Stopwatch
@@ -24,7 +26,7 @@ SYSTEMS = {"quasi_direct": QuasiDirectSystem, "direct": DirectSystem}
 
 
 class PorousBuilder(Builder):
-    """Both phases on all of the mesh."""
+    """The skeleton and the solids without pores on all of the mesh, the fluid in its pores."""
 
     def __init__(
         self, scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch, domain: Domain | None = None
@@ -32,6 +34,9 @@ class PorousBuilder(Builder):
         """Take what every builder takes; domain : where there is one of the mesh (collective)."""
         super().__init__(scene, mesh, stopwatch)
         self.domain = domain or Domain(mesh)
+        self._porous = {name: m for name, m in self.materials.items() if m.has_pores}
+        self._is_dry = len(self._porous) < len(self.materials)
+        self._pores = Domain(mesh, self._porous) if self._is_dry else self.domain
 
     def medium(self) -> Medium:
         """Return the coupling scheme with its phases (collective)."""
@@ -61,10 +66,11 @@ class PorousBuilder(Builder):
             surfaces=surfaces,
             loads=concentrated_loads(scene, self.domain, self.components),
             initial_stress=self.initial_stress(self.domain),
+            fluid=self._pores,
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,
             reaction=self._is_kept,
-            **self._common("solid"),
+            **self.common(self.domain, self.materials, "solid", self._split),
         )
 
     def fluid(self) -> PoreFluidSetup:
@@ -76,9 +82,10 @@ class PorousBuilder(Builder):
         free = self._free_tags()
         drained = {entry.tag for entry in pressures}
         self._require_pressure_level(free, drained)
-        loaded = [tag for tag in free if tag not in self._rigid_tags()]
+        wet = tags_of(mesh, self._pores.row_of_cell)
+        loaded = [tag for tag in free if tag in wet and tag not in self._rigid_tags()]
         require_one_drainage(scene, mesh)
-        fluxes = self.surfaces(self.domain, "volume", mesh.facets)
+        fluxes = self.surfaces(self._pores, "volume", mesh.facets)
         self._require_contracting_split(fluxes)
         inertia = model.solid_inertia or model.fluid_inertia
         return PoreFluidSetup(
@@ -88,12 +95,12 @@ class PorousBuilder(Builder):
             fluxes=fluxes,
             no_slip=no_slip_nodes(scene, mesh),
             stress_nodes=nodes_of(mesh, [tag for tag in loaded if tag in drained]),
-            free_surface=weak_zero_on(self.domain, [tag for tag in loaded if tag not in drained]),
+            free_surface=weak_zero_on(self._pores, [tag for tag in loaded if tag not in drained]),
             has_auxiliary=inertia and self._split == "corrected",
             undrained=scene.stabilization.undrained,
             reaction=self._is_kept,
             **self.of_fluid(),
-            **self._common("fluid"),
+            **self.common(self._pores, self._porous, "fluid", self._split),
         )
 
     @property
@@ -101,9 +108,6 @@ class PorousBuilder(Builder):
         """Return whether a surface wants what the balances leave on its nodes."""
         asked = {name for surface in self.scene.surfaces for name in surface.quantities}
         return bool(asked & {"force", "skeleton_force", "flow_rate", "volume"})
-
-    def _common(self, body):
-        return self.common(self.domain, self.materials, body, self._split)
 
     @property
     def _split(self):
@@ -160,11 +164,11 @@ class PorousBuilder(Builder):
         }
 
     def _require_pressure_level(self, free, drained):
-        """Raise InputError where neither a pressure nor a traction sets the level of p: any
-        constant solves the equations.
+        """Raise InputError where neither a pressure nor a traction, nor a solid without pores that
+        gives way, sets the level of p: any constant solves the equations.
         """
-        stored = all(material.is_compressible for material in self.materials.values())
-        if not free and not drained and not stored:
+        stored = all(material.is_compressible for material in self._porous.values())
+        if not (free or drained or stored or self._is_dry):
             received = "received a prescribed normal displacement and no pressure on every boundary"
             advice = (
                 "expected one with a pressure or free to move, because else the pressure has no"

@@ -17,6 +17,7 @@ from ..mesh.topology import facet_multiplicity, locate_facets
 from ..quantities import SURFACES
 
 OF_SOLIDS = ("normal_displacement", "equal_displacement")
+OF_PORES = ("pressure", "velocity", "no_slip")  # beside conditions behind which are pores alone
 MEANS = {"porous": "porous medium", "solid": "solid", "fluid": "fluid"}
 
 
@@ -60,6 +61,41 @@ def check_sides(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Pa
                             " the two"
                         )
                 taken[tag, quantity] = i
+
+
+def check_dry(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str | Path) -> None:
+    """Raise InputError where solids without pores have no node in common with the porous media of a
+    scene, or where a boundary of them asks for what only a pore fluid has.
+
+    kinds : region -> "solid" or "porous"
+    """
+    if set(kinds.values()) == {"porous"}:
+        return
+    porous = np.isin(
+        mesh.cell_region, [i for i, name in enumerate(mesh.regions) if kinds[name] == "porous"]
+    )
+    if not np.isin(mesh.cells[~porous], mesh.cells[porous]).any():
+        raise InputError(
+            f"{where} [[material]]: the porous media and the solids without pores have no node in"
+            " common, expected a common surface; give them common nodes there, or a scene each"
+        )
+    for i, boundary in enumerate(scene.boundary):
+        asked = [name.partition(".")[0] for name in boundary.given()]
+        of_fluid = [name for name in asked if _is_of_pores(name)]
+        for tag in boundary.on if of_fluid else ():
+            phases = _phases(mesh, mesh.facets[tag], kinds)
+            if phases != {"porous"}:
+                raise InputError(
+                    f"{where} [boundary.{i}.{of_fluid[0]}]: tag '{tag}' is on a solid without"
+                    " pores, expected a surface of porous media alone; leave it out there, or give"
+                    " each part a tag of its own"
+                )
+
+
+def _is_of_pores(name):
+    """Return whether what a boundary prescribes is of a pore fluid alone."""
+    of_fluid = name in CONDITIONS and CONDITIONS[name].behind == ("porous",)
+    return of_fluid or name in OF_PORES
 
 
 def _sides_of_interfaces(scene):
@@ -185,9 +221,9 @@ def check_surfaces(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str |
                     " it is"
                 )
                 raise InputError(f"{place}: tag '{tag}' {text}")
-            _require_outside(mesh, tag, sides[tag], outside, place)
+            _require_outside(mesh, tag, sides[tag], outside, scene.is_porous, place)
         dry = [tag for tag in entry.on if sides[tag] == {"solid"}]
-        if 0 < len(dry) < len(entry.on):
+        if 0 < len(dry) < len(entry.on) and not scene.is_porous:
             wet = next(tag for tag in entry.on if tag not in dry)
             text = f"received '{dry[0]}' on the solid and '{wet}' on the fluid"
             table = key.partition(".")[0]
@@ -197,22 +233,30 @@ def check_surfaces(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str |
         _require_quantities(scene, entry, set().union(*sides.values()), f"{where} [{key}")
 
 
-def _require_outside(mesh, tag, phases, outside, place):
+def _require_outside(mesh, tag, phases, outside, porous, place):
     """Raise InputError where a tag is inside of a phase: what one side of it feels, the other gives
     back.
+
+    porous : whether there is no free fluid
     """
     inside = ~outside[locate_facets(mesh.facets[tag], mesh.cells, mesh.element)]
-    if inside.any() and "interface" not in phases:
+    if inside.any() and (porous or "interface" not in phases):
         raise InputError(
             f"{place}: tag '{tag}' lies inside of the mesh, expected its boundary or that between"
-            " fluid and solid"
+            " a free fluid and a solid"
         )
 
 
 def _require_quantities(scene, entry, phases, place):
     """Raise InputError where what is behind a surface has not what is asked for."""
-    kind = "porous" if scene.is_porous else "solid" if phases == {"solid"} else "fluid"
+    porous = scene.is_porous and phases != {"solid"}
+    kind = "porous" if porous else "solid" if phases == {"solid"} else "fluid"
     for name in entry.quantities:
+        if porous and "solid" in phases and name != "force":
+            raise InputError(
+                f"{place}.quantities]: received '{name}' on porous media and solids without pores"
+                " together, expected 'force', or surfaces of one of them"
+            )
         if kind not in SURFACES[name].behind:
             fitting = [q for q in SURFACES if kind in SURFACES[q].behind]
             raise InputError(

@@ -41,7 +41,7 @@ def require_supports(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str
 
     kinds : region -> "solid", "fluid" or "porous"
     """
-    if _has_inertia(scene):
+    if scene.model.solid_inertia is True:
         return
     of_solid = np.isin(
         mesh.cell_region, [i for i, name in enumerate(mesh.regions) if kinds[name] != "fluid"]
@@ -56,7 +56,7 @@ def require_supports(scene: Scene, mesh: Mesh, kinds: dict[str, str], where: str
         held[:, 0] = True  # the hoop stress holds what moves away from the axis
     part = _joined(cells)
     body = _joined(facet_groups(cells, mesh.element))
-    for number in np.unique(part[~_wet(scene, mesh, of_solid, part)]):
+    for number in np.unique(part[~_wet(scene, mesh, kinds, of_solid, part)]):
         chosen = np.flatnonzero(part == number)
         found = _free_motion(
             mesh.points, cells[chosen], body[chosen], held, springs.of(chosen), further
@@ -81,14 +81,6 @@ def _alternative(scene):
         "" if scene.time.scheme == "generalized_alpha" else ' and time.scheme = "generalized_alpha"'
     )
     return f", or set model.solid_inertia = true{scheme} if it may move"
-
-
-def _has_inertia(scene):
-    """Return whether inertia balances a load that nothing else does: that of the solid, or of what
-    flows through it.
-    """
-    model = scene.model
-    return model.solid_inertia is True or (scene.is_porous and model.fluid_inertia is True)
 
 
 def _held(scene, mesh, cells):
@@ -182,17 +174,20 @@ def _directions(mesh, facets, ways):
     return _Directions((N @ x)[:, 0], found)
 
 
-def _wet(scene, mesh, of_solid, part):
-    """Return which cells of the solid, (E,) bool, belong to a part that a fluid in the same matrix
-    holds by its viscosity.
+def _wet(scene, mesh, kinds, of_solid, part):
+    """Return which cells of the solid, (E,) bool, belong to a part that a fluid holds: by the
+    inertia of what flows through it, or in the same matrix by the viscosity of what is beside it.
     """
-    one_matrix = (
-        scene.coupling.scheme in ("quasi_direct", "direct") and scene.time.scheme != "steady"
-    )
-    if scene.is_porous or not one_matrix:
+    monolithic = scene.coupling.scheme in ("quasi_direct", "direct")
+    if scene.is_porous:
+        holds, kind = scene.model.fluid_inertia is True, "porous"
+    else:
+        holds, kind = monolithic and scene.time.scheme != "steady", "fluid"
+    if not holds:
         return np.zeros(len(part), dtype=bool)
+    number = [i for i, name in enumerate(mesh.regions) if kinds[name] == kind]
     in_fluid = np.zeros(len(mesh.points), dtype=bool)
-    in_fluid[mesh.cells[~of_solid]] = True
+    in_fluid[mesh.cells[np.isin(mesh.cell_region, number)]] = True
     touching = in_fluid[mesh.cells[of_solid]].any(axis=1)
     return np.isin(part, part[touching])
 
