@@ -65,8 +65,10 @@ def is_strong(path):
 
 # A run halves its steps where they do not converge, which the loop below does not.
 HALVED = {"rubber_sheet"}
+# A scene at rest until it is loaded would compare round-off.
+LOADED = {"surcharge": ("boundary.2.traction.y=-2e4",)}
 CASES = {
-    name: (str(path), shortened(path))
+    name: (str(path), (*shortened(path), *LOADED.get(name, ())))
     for name, _, path in list_scenes()
     if is_strong(path) and name not in HALVED
 } | VARIANTS
