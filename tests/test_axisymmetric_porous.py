@@ -7,6 +7,7 @@ import pytest
 from running import Job, fields, history, needs_mpirun, run_here, run_on, summary
 
 from porofsi_petsc import load_scene
+from porofsi_petsc.config.fields import Cells
 from porofsi_petsc.exact import Cryer
 from porofsi_petsc.simulation.simulation import Simulation
 
@@ -19,7 +20,7 @@ def test_cryers_sphere_rises_before_it_falls(tmp_path):
     """Half of the scene, with its bounds; its peak is that of the exact solution."""
     scene = load_scene("cryer_axisymmetric")
     law = scene.material[0].elastic_law()
-    diffusivity = scene.material[0].mobility * law.oedometer_modulus
+    diffusivity = scene.material[0].mobility_at(Cells.none()) * law.oedometer_modulus
     exact = Cryer(1e3, 1.0, law.lam, law.mu, diffusivity)
     (peak,) = (expect for expect in scene.expect if expect.quantity == "centre.p")
     assert exact.pressure(np.zeros(1), peak.at)[0] == pytest.approx(peak.value, rel=1e-6)

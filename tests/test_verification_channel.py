@@ -6,6 +6,7 @@ from mpi4py import MPI
 from running import SCENES
 
 from porofsi_petsc import load_scene
+from porofsi_petsc.config.fields import Cells
 from porofsi_petsc.linalg.options import start
 from porofsi_petsc.simulation.loop import Clock
 from porofsi_petsc.simulation.simulation import Simulation
@@ -40,7 +41,7 @@ def error(order, cells, viscosity=10.0, mobility=1e-3):
         f"mesh.x.points=[0.0, {HEIGHT / cells}]",
     )
     scene = load_scene(CHANNEL, mesh)
-    assert (scene.material[0].fluid.viscosity, scene.material[0].mobility) == (
+    assert (scene.material[0].fluid.viscosity, scene.material[0].mobility_at(Cells.none())) == (
         viscosity,
         pytest.approx(mobility, rel=1e-14),
     )

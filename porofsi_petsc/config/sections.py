@@ -98,7 +98,7 @@ class Limits(Table):
     porosity_change: Limit = 0.1
     viscosity: Limit = 0.1
     locking: Limit = 0.49
-    stabilization: Limit = 0.1
+    stabilization: Limit = 0.15
 
 
 # Bound in [limits] of every term of [model]; a term that is "auto" is switched on there.
