@@ -21,7 +21,8 @@ class Stage(Table):
     """What changes when the stage before is at its end; what is absent stays as it is there.
 
     time : its end on the clock of the run, and its own steps; boundary : all that holds on the tags
-    named, material : of the regions named
+    named, material : of the regions named; reset_displacement : report it from the start of the
+    stage on
     """
 
     name: Name
@@ -33,6 +34,7 @@ class Stage(Table):
     tie: Annotated[tuple[Tie, ...], ListOf()] | None = None
     model: dict[str, Any] | None = None
     coupling: dict[str, Any] | None = None
+    reset_displacement: bool = False
 
 
 def following(before: S, stage: Stage, number: int) -> S:
@@ -86,6 +88,9 @@ def _require_comparable(before, stage, place):
         if key in stage.time:
             text = "expected that of the first stage, with whose state it goes on; leave it out"
             raise wrong(f"received {shown(stage.time[key])}, {text}", f"{place}.time.{key}")
+    if stage.reset_displacement and not before.phases[0]:
+        text = "received true without a solid, which alone has displacements; leave it out"
+        raise wrong(text, f"{place}.reset_displacement")
     if "end" not in stage.time:
         raise wrong("received nothing, expected the end of the stage [s]", f"{place}.time.end")
     for i, boundary in enumerate(stage.boundary):

@@ -142,7 +142,7 @@ class PointValues:
         asked = self._asked - QUANTITIES.keys() - set(OF_STRESS)
         wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for q in asked}
         arrays = {
-            "u": coupling.displacement(),
+            "u": self._measures.displacement(),
             "v": coupling.velocity(),
             "vf": fluid.v,
             "p": fluid.p[:, None],

@@ -34,6 +34,7 @@ class Left:
         self._clock = loop.clock.state()
         self._iterations = loop.iterations
         self._measures = simulation.measures.state()
+        self._datum = simulation.measures.datum
         self._volumes = simulation.quantities.memory()
 
     def continue_in(self, simulation: Simulation) -> None:
@@ -55,6 +56,8 @@ class Left:
             keys = [key for key in surfaces.memory() if _kind(key) in memories]
             surfaces.load({key: memories[_kind(key)] for key in keys})
         simulation.measures.load(self._measures, loop.clock.t)
+        resets = simulation.scene.stage[simulation.stage - 1].reset_displacement
+        simulation.measures.datum = coupling.displacement().copy() if resets else self._datum
         simulation.quantities.load(simulation.scene.source_path, self._volumes)
         simulation.energy.remodel(*coupling.energies())
 
