@@ -156,7 +156,7 @@ def _fixed(scene, other, stage):
     """
     fixed: dict = {section: scene.get(section) for section in FIXED}
     past = scene.get("stage", [])[:stage]
-    keys = (*FIXED, "tie", "reset_displacement")
+    keys = (*FIXED, "tie", "inactive", "reset_displacement")
     fixed["stage"] = [{key: entry.get(key) for key in keys} for entry in past]
     fixed["initial"] = {"stress": scene.get("initial", {}).get("stress")}  # acts at all times
     if "reference" in scene and "reference" in other:
