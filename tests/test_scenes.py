@@ -15,7 +15,7 @@ def test_shipped_scene_runs_in_short_form(name, tmp_path):
     scene = load_scene(SCENES[name], smoke=True)
     summary = run(scene, tmp_path, quiet=True)
     history = read_history(tmp_path / "history.csv")
-    assert history["t"][-1] == scene.time.end
+    assert history["t"][-1] == scene.end
     assert json.loads((tmp_path / "summary.json").read_text())["exit_code"] == 0
     # Newton's and the coupling tolerance leave 1e-6 of the forces of every step; their power sums
     # to less than 1e-4 of the work.

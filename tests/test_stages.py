@@ -104,6 +104,68 @@ def test_a_restart_within_a_stage_is_the_same_run(tmp_path):
             np.testing.assert_array_equal(rest.fields[name], whole.fields[name])
 
 
+def settling(first, *stages):
+    """Return the column in steps of 5 s, at first under its weight until that is consolidated."""
+    tables = column(*stages)
+    tables["time"] |= {"end": 1e6, "step": 1e5} if first else {"end": 50.0, "step": 5.0}
+    tables["line"] = [{"name": "up", "from": [0.05, 0.0], "to": [0.05, 10.0], "points": 3}]
+    tables["line"][0]["quantities"] = ["u_y"]
+    if first:
+        tables["body_force"] = {"solid": {"y": -10.0}, "fluid": {"y": -10.0}}
+        tables["boundary"][2] = TOP
+    return tables
+
+
+LOADED = {"time": {"end": 1e6 + 50.0, "step": 5.0}, "boundary": [loaded(-1e4)]}
+
+
+@pytest.mark.mpi
+def test_a_reset_leaves_the_settlement_of_the_load_alone():
+    """The column is linear; each run meets the tolerance of the coupling, 1e-6 of its forces, and
+    the weight of the column is 17 times the load.
+    """
+    runs = [settling(False), settling(True, stage(**LOADED, reset_displacement=True))]
+    found = []
+    for tables in runs:
+        with Simulation.from_scene(tables, MPI.COMM_WORLD) as simulation:
+            simulation.run()
+            u = simulation.fields.gathered("displacement")
+            found.append((simulation.history, simulation.lines.values("up"), u))
+    (alone, line, u), (history, line_after, u_after) = found
+    settled = np.abs(alone["top.u_y"]).max()
+    close = {"rtol": 0, "atol": 2e-5 * settled}
+    after = history["t"] > 1e6
+    assert history["top.u_y"][~after][-1] < -3 * settled  # under the weight
+    np.testing.assert_allclose(history["top.u_y"][after], alone["top.u_y"][1:], **close)
+    np.testing.assert_allclose(line_after["u_y"], line["u_y"], **close)
+    if MPI.COMM_WORLD.rank == 0:
+        np.testing.assert_allclose(u_after, u, **close)
+
+
+def test_a_restart_after_a_reset_is_the_same_run(tmp_path):
+    """In the stage of the reset, and in one after it."""
+    third = stage(1e6 + 75.0, "third", boundary=[TOP])
+    tables = settling(True, stage(**LOADED, reset_displacement=True), third)
+    with Simulation.from_scene(tables, MPI.COMM_SELF) as whole:
+        paths = []
+        for until in (1e6 + 25.0, 1e6 + 60.0):
+            whole.run(until=until)
+            paths.append(whole.checkpoint(tmp_path / f"{len(paths)}"))
+        whole.run()
+    assert abs(whole.history["top.u_y"][-1]) < 2e-3  # of 17 mm in all
+    for path in paths:
+        with Simulation.from_scene(tables, MPI.COMM_SELF, restart=path) as rest:
+            np.testing.assert_equal(
+                rest.last_row[1],
+                dict(zip(whole.history["t"], whole.history["top.u_y"], strict=True))[rest.time],
+            )
+            rest.run()
+            np.testing.assert_array_equal(rest.fields["displacement"], whole.fields["displacement"])
+    tables["stage"][0].pop("reset_displacement")
+    with pytest.raises(InputError, match=r"\[stage.0.reset_displacement\]"):
+        Simulation.from_scene(tables, MPI.COMM_SELF, restart=paths[0])
+
+
 def test_a_stage_may_be_added_to_a_run_at_its_end(tmp_path):
     with Simulation.from_scene(column(), MPI.COMM_SELF) as first:
         first.run()

@@ -102,6 +102,7 @@ class Scene(Table):
     smoke: Smoke = {}
 
     _source_path: Path | None = PrivateAttr(None)
+    _inactive: tuple[str, ...] = PrivateAttr(())
 
     @property
     def dim(self) -> int:
@@ -198,6 +199,11 @@ class Scene(Table):
         for i, stage in enumerate(self.stage):
             found.append(following(found[-1], stage, i))
         return tuple(found)
+
+    @property
+    def inactive(self) -> tuple[str, ...]:
+        """Return the regions that are taken away in this stage or have been before it."""
+        return self._inactive
 
     @property
     def end(self) -> float:

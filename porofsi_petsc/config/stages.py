@@ -21,7 +21,8 @@ class Stage(Table):
     """What changes when the stage before is at its end; what is absent stays as it is there.
 
     time : its end on the clock of the run, and its own steps; boundary : all that holds on the tags
-    named, material : of the regions named
+    named, material : of the regions named; inactive : regions that are taken away;
+    reset_displacement : report it from the start of the stage on
     """
 
     name: Name
@@ -33,6 +34,8 @@ class Stage(Table):
     tie: Annotated[tuple[Tie, ...], ListOf()] | None = None
     model: dict[str, Any] | None = None
     coupling: dict[str, Any] | None = None
+    inactive: Annotated[tuple[Name, ...], ListOf()] = ()
+    reset_displacement: bool = False
 
 
 def following(before: S, stage: Stage, number: int) -> S:
@@ -59,6 +62,7 @@ def following(before: S, stage: Stage, number: int) -> S:
         raise _in_stage(error, kept, place) from None
     _require_continued(before, scene, place)
     scene.time._begins = before.time.end
+    scene._inactive = (*before.inactive, *stage.inactive)
     scene._source_path = before.source_path
     return scene
 
@@ -86,6 +90,7 @@ def _require_comparable(before, stage, place):
         if key in stage.time:
             text = "expected that of the first stage, with whose state it goes on; leave it out"
             raise wrong(f"received {shown(stage.time[key])}, {text}", f"{place}.time.{key}")
+    _require_solids(before, stage, place)
     if "end" not in stage.time:
         raise wrong("received nothing, expected the end of the stage [s]", f"{place}.time.end")
     for i, boundary in enumerate(stage.boundary):
@@ -95,6 +100,21 @@ def _require_comparable(before, stage, place):
                 raise wrong(f"{text}; leave the tag out, then it stays", f"{place}.boundary.{i}")
     for i, material in enumerate(stage.material):
         _require_known_material(before, material, f"{place}.material.{i}")
+
+
+def _require_solids(before, stage, place):
+    """Refuse what only a solid or skeleton can do, where there is none, and twice the same."""
+    if stage.reset_displacement and not before.phases[0]:
+        text = "received true without a solid, which alone has displacements; leave it out"
+        raise wrong(text, f"{place}.reset_displacement")
+    kinds = {material.kind for material in before.material}
+    if stage.inactive and kinds not in ({"porous"}, {"solid"}):
+        text = "expected a scene of porous media or one of solids; leave it out"
+        raise wrong(f"received {shown(list(stage.inactive))}, {text}", f"{place}.inactive")
+    for i, name in enumerate(stage.inactive):
+        if name in (*before.inactive, *stage.inactive[:i]):
+            text = "which is taken away already, expected other regions; leave it out"
+            raise wrong(f"received '{name}', {text}", f"{place}.inactive")
 
 
 def _require_known_material(before, material, key):

@@ -2,7 +2,7 @@
 these cells.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -43,7 +43,8 @@ class LocalMesh:
     X : (n_local, d) [m].  cells : (E, A) local nodes.  cell_owned : (E,) bool, true on exactly one
     rank.
     cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.
-    facets : tag -> Facets, the same tags on every rank.  notes : of the serial mesh.  values : name
+    facets : tag -> Facets, the same tags on every rank; inner : region -> those that other regions
+    have toward it, as in the serial mesh.  notes : of the serial mesh.  values : name
     -> (E,) numbers of cells that a mesh file gives.
     """
 
@@ -67,6 +68,7 @@ class LocalMesh:
     hash: str
     notes: tuple
     values: dict
+    inner: dict = field(default_factory=dict)
 
     @property
     def dim(self) -> int:
@@ -98,19 +100,21 @@ def distribute(comm: MPI.Intracomm, mesh: Mesh | None, owner: np.ndarray | None)
     )
     first = header.pop("first")
     tags = header.pop("tags")
+    inner = header.pop("inner")
     values = {name: mine.pop(f"values.{name}") for name in header.pop("values")}
     element = ELEMENTS[header.pop("element")]
     n_owned = int(first[comm.rank + 1] - first[comm.rank])
-    facets = {
-        tag: Facets(*(mine.pop(f"{index}.{name}") for name in FACET_ARRAYS))
-        for index, tag in enumerate(tags)
-    }
+    groups = [
+        Facets(*(mine.pop(f"{index}.{name}") for name in FACET_ARRAYS))
+        for index in range(len(tags) + len(inner))
+    ]
     return LocalMesh(
         comm=comm,
         element=element.around_axis() if header.pop("axisymmetric") else element,
         n_owned=n_owned,
         first=int(first[comm.rank]),
-        facets=facets,
+        facets=dict(zip(tags, groups, strict=False)),
+        inner=dict(zip(inner, groups[len(tags) :], strict=True)),
         values=values,
         halo=Halo(comm, n_owned, mine["numbering"][n_owned:], first),
         order=NaturalOrder(comm, mine["natural"][:n_owned], header["n_global"]),
@@ -160,11 +164,13 @@ class _Cutter:
             _FacetsByCell(nodes, *locate_facets(nodes, mesh.cells, mesh.element))
             for nodes in mesh.facets.values()
         ]
+        self._facets += [self._toward(name, nodes) for name, nodes in mesh.inner.items()]
         self.header = {
             "element": mesh.element.name,
             "axisymmetric": mesh.element.axisymmetric,
             "first": first,
             "tags": list(mesh.facets),
+            "inner": list(mesh.inner),
             "regions": tuple(mesh.regions),
             "n_global": len(mesh.points),
             "n_cells_global": n_cells,
@@ -172,6 +178,13 @@ class _Cutter:
             "notes": mesh.notes,
             "values": list(mesh.values),
         }
+
+    def _toward(self, region, nodes):
+        """Return facets with the cells behind them that are not of a region."""
+        mesh = self._mesh
+        others = np.flatnonzero(mesh.cell_region != mesh.regions.index(region))
+        cell, local = locate_facets(nodes, mesh.cells[others], mesh.element)
+        return _FacetsByCell(nodes, others[cell], local)
 
     def part(self, rank):
         """Return the arrays of a rank, dict name -> array; the arrays of facet group i are called

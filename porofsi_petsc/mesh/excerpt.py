@@ -39,6 +39,18 @@ def excerpt(mesh: Mesh, regions: Collection[str], where: str) -> Mesh:
     )
 
 
+def with_inner(mesh: Mesh, regions: Collection[str]) -> Mesh:
+    """Return the mesh with the surfaces that others have toward some regions."""
+    group = facet_groups(mesh.cells, mesh.element)
+    facets = cell_facets(mesh.cells, mesh.element)
+    found = {}
+    for name in regions:
+        inside = mesh.cell_region == mesh.regions.index(name)
+        shared = (group >= 0) & np.isin(group, group[inside]) & ~inside[:, None]
+        found[name] = facets[shared]
+    return replace(mesh, inner=found)
+
+
 def _remaining(mesh, cells):
     """Return tag -> facets of the cells, outward from one of them, without empty tags."""
     found = {}

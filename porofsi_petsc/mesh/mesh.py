@@ -15,9 +15,10 @@ class Mesh:
 
     points : (N, d) coordinates [m].  cells : (E, A) nodes, positively oriented, VTK node order.
     cell_region : (E,) index into `regions`.  facets : tag -> (F, Af) nodes, outward from the
-    (first) adjacent cell.  values : name -> (E,) numbers of cells that a file gives.  notes :
-    sentences on what the file has and the mesh does not.  derived : tags that follow from the
-    regions, which make no other mesh.
+    (first) adjacent cell.  inner : region -> (F, Af) nodes of the facets that other regions have
+    toward it, outward from these, as far as one asks for them.  values : name -> (E,) numbers of
+    cells that a file gives.  notes : sentences on what the file has and the mesh does not.
+    derived : tags that follow from the regions, which make no other mesh.
     """
 
     points: np.ndarray
@@ -29,6 +30,7 @@ class Mesh:
     notes: tuple[str, ...] = ()
     values: dict[str, np.ndarray] = field(default_factory=dict)
     derived: tuple[str, ...] = ()
+    inner: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def dim(self) -> int:

@@ -17,6 +17,8 @@ class Probes:
 
     When several elements hold a point the one of the smallest natural number is taken, preferred
     ones first, so that the values do not depend on the number of ranks.
+
+    in_preferred : (n_probes,) bool, which points are in preferred ones
     """
 
     def __init__(
@@ -39,6 +41,11 @@ class Probes:
         self._rows, cells = found.rows(mesh, mesh.cell_owned)
         self._nodes = mesh.cells[cells]
         self._shape = found.shape[self._rows]
+        here = np.zeros(len(points), dtype=np.int64)
+        here[self._rows] = True if preferred is None else preferred[cells]
+        counts = np.empty_like(here)
+        self.comm.Allreduce(here, counts)
+        self.in_preferred = counts > 0
 
     def evaluate(self, array: np.ndarray) -> np.ndarray:
         """Return the values at the points, (n_probes, k), on every rank; collective.

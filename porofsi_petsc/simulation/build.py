@@ -10,7 +10,7 @@ from ..linalg.partition import partition
 from ..linalg.stopwatch import Stopwatch
 from ..mesh.axis import around_axis, tags_on_axis
 from ..mesh.check import boundary_tags, require_every_tag, require_regions, require_tags
-from ..mesh.excerpt import excerpt
+from ..mesh.excerpt import excerpt, with_inner
 from ..mesh.generate import box, rectangle
 from ..mesh.graph import node_graph
 from ..mesh.interface import INTERFACE, with_interface, with_interface_of
@@ -20,6 +20,7 @@ from ..mesh.select import with_tags
 from ..output.files import on_root
 from .auto import AnyMedium, AutoMedium, auto_terms
 from .axis import check_axis
+from .excavation import remaining_mesh, remaining_scene
 from .fall_back import tried_by_itself
 from .interface import InterfaceBuilder
 from .locking import require_no_locking
@@ -60,10 +61,11 @@ def serial_mesh(scene: Scene) -> Mesh:
     found = _checked(scene, mesh)
     for stage, later in zip(scene.stage, scene.stages[1:], strict=True):
         try:
-            _checked(later, mesh)
+            left = remaining_mesh(later, mesh)
+            _checked(remaining_scene(later, mesh.facets, left.facets), left)
         except InputError as error:
             raise InputError(f"{error} (in the stage '{stage.name}')") from None
-    return found
+    return with_inner(found, scene.stages[-1].inactive)
 
 
 def _checked(scene, mesh):
@@ -173,7 +175,8 @@ def local_mesh(scene: Scene, comm: MPI.Intracomm) -> LocalMesh:
 
 def build_coupling(scene: Scene, mesh: LocalMesh, stopwatch: Stopwatch) -> AnyMedium:
     """Return the coupling scheme of a scene with its phases in their initial state (collective)."""
-    domain = Domain(mesh) if scene.is_porous else None
+    active = [region for region in mesh.regions if region not in scene.inactive]
+    domain = Domain(mesh, active) if scene.is_porous else None
 
     def build(scene):
         builder = (

@@ -191,7 +191,11 @@ class Builder:
         self.scene = scene
         self.mesh = mesh
         self.stopwatch = stopwatch
-        self.materials = materials_of(scene, mesh)
+        self.materials = {
+            region: material
+            for region, material in materials_of(scene, mesh).items()
+            if region not in scene.inactive
+        }
         self.load_factor = LoadFactor() if scene.time.scheme == "steady" else None
 
     def initial_stress(self, domain: Domain) -> InitialStress | None:

@@ -35,5 +35,7 @@ def write(simulation: Simulation, directory: Path) -> Path:
             "step_control": control.memory() if control else None,
         }
         arrays = coupling.state() | (control.state() if control else {})
+        if simulation.measures.datum is not None:
+            arrays["datum.u"] = simulation.measures.datum[: coupling.solid.mesh.n_owned]
         write_checkpoint(directory, coupling.solid.mesh, header, arrays)
     return directory / NAME

@@ -59,7 +59,7 @@ class Fields(Mapping):
         if name == "porosity":
             return self._measures.porosity(coupling.accepted_mesh_state())
         nodal = {
-            "displacement": coupling.displacement,
+            "displacement": self._measures.displacement,
             "pressure": lambda: coupling.fluid.p[:, None],
             "solid velocity": coupling.velocity,
             "fluid velocity": lambda: coupling.fluid.v,

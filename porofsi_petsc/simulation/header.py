@@ -87,6 +87,7 @@ CONTROL = {
 HEADER = {
     "scene": TEXT,
     "tables?": {"*": TEXT},
+    "stage?": COUNT,
     "step": COUNT,
     "time": SIZE,
     "clock": CLOCK,

@@ -108,7 +108,11 @@ class TrialStep:
 
 
 class Measures:
-    """Fields for output and sizes of neglected terms of the accepted state of a coupling."""
+    """Fields for output and sizes of neglected terms of the accepted state of a coupling.
+
+    datum : the displacement from which those of the output are measured, (n_local, d) [m], None for
+    the reference configuration
+    """
 
     def __init__(
         self, scene: Scene, coupling: AnyMedium, materials: dict[str, PorousMaterial]
@@ -130,6 +134,7 @@ class Measures:
             omission.name: Lasting(scene.time.end) for omission in self.omissions if omission.lasts
         }
         self.roughness = self.largest_pressure = 0.0
+        self.datum: np.ndarray | None = None
         self._interior = self._interior_nodes()
         self.comparison = self._comparison(scene) if scene.reference else None
 
@@ -141,6 +146,11 @@ class Measures:
         )
 
     # -- fields ------------------------------------------------------------------------------------
+
+    def displacement(self) -> np.ndarray:
+        """Return the displacement of solid and mesh from the datum, (n_local, d) [m]."""
+        u = self._coupling.displacement()
+        return u if self.datum is None else u - self.datum
 
     def porosity(self, mesh_state: MeshState) -> np.ndarray:
         """Return n_f at the nodes, (n_owned, 1)."""

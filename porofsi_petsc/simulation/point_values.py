@@ -33,7 +33,9 @@ class Place(NamedTuple):
 
 
 class PointValues:
-    """The values of quantities at some points in the accepted state."""
+    """The values of quantities at some points in the accepted state, nan at those in regions that
+    have been taken away.
+    """
 
     def __init__(
         self, scene: Scene, coupling: AnyMedium, measures: Measures, places: Sequence[Place]
@@ -49,13 +51,15 @@ class PointValues:
         self._in_solid, self._in_fluid = (
             _probes_in(phase.domain, places) for phase in (coupling.solid, coupling.fluid)
         )
-        where = scene.source_path or "scene"
+        self._gone = ~self._in_solid.in_preferred if scene.inactive else None
         of_flow = _Phase("fluid", "solid", coupling.fluid.domain, self._in_fluid)
         of_stress = _Phase("solid", "fluid", coupling.solid.domain, self._in_solid)
-        of_flow.require(places, _is_of_flow, where)
         self._is_wet = of_flow.inside() > 1 - WET
         self._dry = self._dry_part()
-        of_stress.require(places, OF_STRESS.__contains__, where)
+        if not scene.inactive:  # else the first stage has looked at the places
+            where = scene.source_path or "scene"
+            of_flow.require(places, _is_of_flow, where)
+            of_stress.require(places, OF_STRESS.__contains__, where)
 
     def _dry_part(self):
         """Return the solids without pores beside the porous media of a scene, whose stress is
@@ -73,7 +77,9 @@ class PointValues:
             name, _, axis = quantity.rpartition("_") if quantity != "n_f" else (quantity, "", "")
             column = AXES.get(axis, 0) if quantity != "p" else 0
             values[quantity] = fields[name or quantity][:, column]
-        return values
+        if self._gone is None:
+            return values
+        return {name: np.where(self._gone, np.nan, found) for name, found in values.items()}
 
     def _own_values(self):
         """Return the values of registered quantities at all points, name -> (n,)."""
@@ -142,7 +148,7 @@ class PointValues:
         asked = self._asked - QUANTITIES.keys() - set(OF_STRESS)
         wanted = {q if q in ("p", "n_f") else q.rpartition("_")[0] for q in asked}
         arrays = {
-            "u": coupling.displacement(),
+            "u": self._measures.displacement(),
             "v": coupling.velocity(),
             "vf": fluid.v,
             "p": fluid.p[:, None],

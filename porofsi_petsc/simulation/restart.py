@@ -55,6 +55,8 @@ def resume(
             raise ValueError(wrong)
         _require_same_scene(path, header, scene, text)
         state = coupling.state()
+        if any(entry.reset_displacement for entry in scene.stage[:stage]):
+            state["datum.u"] = state["solid.u"]
         _require_forces(path, header["arrays"], state)
         _require_arrays(header["arrays"], state)
         arrays = read_arrays(path, header, mesh)
@@ -108,6 +110,8 @@ def _load(path, header, arrays, scene, loop, coupling, energy, measures):
     coupling.load_state(arrays, header["coupling"], schemes, rates)
     energy.load(header["energy"])
     measures.load(header["measures"], header["time"])
+    if "datum.u" in arrays:
+        measures.datum = coupling.solid.mesh.halo.extend(arrays["datum.u"])
     if loop.control and header["step_control"]:
         loop.control.load(arrays, header["step_control"])
 
@@ -152,7 +156,8 @@ def _fixed(scene, other, stage):
     """
     fixed: dict = {section: scene.get(section) for section in FIXED}
     past = scene.get("stage", [])[:stage]
-    fixed["stage"] = [{key: entry.get(key) for key in (*FIXED, "tie")} for entry in past]
+    keys = (*FIXED, "tie", "inactive", "reset_displacement")
+    fixed["stage"] = [{key: entry.get(key) for key in keys} for entry in past]
     fixed["initial"] = {"stress": scene.get("initial", {}).get("stress")}  # acts at all times
     if "reference" in scene and "reference" in other:
         fixed["reference"] = {key: scene["reference"].get(key) for key in COMPARED}

@@ -27,6 +27,7 @@ from .build import build_coupling, local_mesh
 from .builder import materials_of
 from .checkpoint import write
 from .energy import Energy
+from .excavation import remaining_facets, remaining_scene, require_loads
 from .fields import Fields
 from .lines import Lines
 from .loop import TimeLoop
@@ -81,17 +82,22 @@ class Simulation:
 
     def _build(self, mesh):
         with self.stopwatch.measure("setup"):
-            mesh = mesh or local_mesh(self.scene, self.comm)
-            self._make_parts(mesh)
+            self._mesh = mesh or local_mesh(self.scene, self.comm)
+            require_loads(self._stages, self._mesh)
+            self._make_parts()
         self.energy = Energy()
         self.energy.start(*self.coupling.energies())
         self._partner = self._other_program()
         self._make_loop()
         self._rows = [(0.0, *self.quantities.values(0.0), 0)]
 
-    def _make_parts(self, mesh):
+    def _make_parts(self):
         """Make coupling and measures of the present stage (collective)."""
         scene = self._stages[self.stage]
+        mesh = self._mesh
+        if scene.inactive:
+            mesh = remaining_facets(scene, mesh)
+            scene = remaining_scene(scene, self._mesh.facets, mesh.facets)
         self.coupling = build_coupling(scene, mesh, self.stopwatch)
         self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
         self.lines = Lines(scene, self.coupling, self.measures)
@@ -110,7 +116,7 @@ class Simulation:
             solver.destroy()
         self.stage = number
         with self.stopwatch.measure("setup"):
-            self._make_parts(self.coupling.solid.mesh)
+            self._make_parts()
         self._make_loop()
 
     def _next_stage(self):

@@ -9,6 +9,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..coupling.protocols import Arrays
+from ..output.checkpoint import is_of_cells
 from ..phases.coupling_data import Rates
 from ..phases.surface_terms import SurfaceTerms
 from .auto import AnyMedium, without_tangents
@@ -34,6 +38,7 @@ class Left:
         self._clock = loop.clock.state()
         self._iterations = loop.iterations
         self._measures = simulation.measures.state()
+        self._datum = simulation.measures.datum
         self._volumes = simulation.quantities.memory()
 
     def continue_in(self, simulation: Simulation) -> None:
@@ -49,14 +54,34 @@ class Left:
             loop.auto.resume(self._memory)
             simulation.measures.remodel(loop.auto.scene)
         schemes, rates = loop.clock.next_schemes(loop.model)
-        coupling.load_state(self._arrays, self._with_linear(coupling, rates), schemes, rates)
+        coupling.load_state(
+            self._within(coupling), self._with_linear(coupling, rates), schemes, rates
+        )
         for name, memories in self._surfaces.items():
             surfaces = getattr(coupling, name).surfaces
             keys = [key for key in surfaces.memory() if _kind(key) in memories]
             surfaces.load({key: memories[_kind(key)] for key in keys})
         simulation.measures.load(self._measures, loop.clock.t)
+        resets = simulation.scene.stage[simulation.stage - 1].reset_displacement
+        simulation.measures.datum = coupling.displacement().copy() if resets else self._datum
         simulation.quantities.load(simulation.scene.source_path, self._volumes)
         simulation.energy.remodel(*coupling.energies())
+
+    def _within(self, coupling: AnyMedium) -> Arrays:
+        """Return the arrays, where the phases have no nodes any more at rest, displaced as at the
+        end of the stage before.
+        """
+        found = dict(self._arrays)
+        if "mesh.u" in found and not coupling.fluid.domain.n_nodes:
+            found["mesh.u"] = found["solid.u"]  # which is reported where there is no solid
+        for phase in SURFACES:
+            domain = getattr(coupling, phase).domain
+            gone = ~domain.holds[: domain.n_owned]
+            for name, array in self._arrays.items():
+                kind, _, key = name.partition(".")
+                if kind == phase and key != "u" and not is_of_cells(name):
+                    found[name] = np.where(gone.reshape(-1, *(1,) * (array.ndim - 1)), 0.0, array)
+        return found
 
     def _with_linear(self, coupling: AnyMedium, rates: Rates) -> dict:
         """Return the memory with the rates of the linear phases, whose tangent is then made where a

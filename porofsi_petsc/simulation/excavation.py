@@ -1,0 +1,128 @@
+"""What is left of a scene and its mesh in a stage that has taken regions away."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from ..conditions import CONDITIONS
+from ..config import Scene
+from ..config.conditions import BodyForce, boundary_table
+from ..errors import InputError, shown
+from ..fem.distribute import Facets, LocalMesh
+from ..fem.domain import Domain
+from ..mesh.check import require_regions
+from ..mesh.excerpt import excerpt
+from ..mesh.mesh import Mesh
+from ..mesh.topology import facet_groups, locate_facets
+from .loads import concentrated_loads
+
+
+def remaining_mesh(scene: Scene, mesh: Mesh) -> Mesh:
+    """Return the serial mesh without the inactive regions of a scene, whose surface toward each of
+    them has its name; raises InputError where that cannot be.
+    """
+    if not scene.inactive:
+        return mesh
+    where = f"{scene.source_path or 'scene'} [stage.inactive]"
+    require_regions(mesh, scene.inactive, where)
+    left = [name for name in mesh.regions if name not in scene.inactive]
+    if not left:
+        raise InputError(f"{where}: received all regions, expected one at least that stays")
+    taken = [name for name in scene.inactive if name in mesh.facets]
+    if taken:
+        raise InputError(
+            f"{where}: received {shown(taken[0])}, which is the name of a boundary too, expected a"
+            " region with a name of its own, which is that of the surface toward it; rename one"
+        )
+    if tag := _tag_between(mesh, scene.inactive):
+        raise InputError(
+            f"{where}: the boundary {shown(tag)} lies on the surface of an inactive region inside"
+            " of the mesh, which has the name of that region; leave the tag out"
+        )
+    return excerpt(mesh, left, where)
+
+
+def _tag_between(mesh, inactive):
+    """Return a tag with a facet between an inactive region and another one, "" without any."""
+    group = facet_groups(mesh.cells, mesh.element)
+    gone = np.isin(mesh.cell_region, [mesh.regions.index(name) for name in inactive])
+    between = np.intersect1d(group[gone], group[~gone])
+    for tag, nodes in mesh.facets.items():
+        cell, local = locate_facets(nodes, mesh.cells, mesh.element)
+        if np.isin(group[cell, local], between[between >= 0]).any():
+            return tag
+    return ""
+
+
+def remaining_scene(scene: Scene, before: Collection[str], left: Collection[str]) -> Scene:
+    """Return the scene of what is left; before, left : tags of the mesh with and without the
+    inactive regions.
+
+    The surface toward an inactive region is free and sealed where the scene says nothing of it.
+    """
+    if not scene.inactive:
+        return scene
+    gone = {*before, *scene.inactive} - {*left}
+    _require_no_columns(scene, gone)
+    boundaries = _without(scene.boundary, "on", gone)
+    named = {tag for boundary in boundaries for tag in boundary.on}
+    free = [name for name in scene.inactive if name in left and name not in named]
+    boundaries += [boundary_table().model_validate({"on": [name]}) for name in free]
+    changes = {
+        "boundary": tuple(boundaries),
+        "material": tuple(_without(scene.material, "region", scene.inactive)),
+    }
+    if not isinstance(scene.body_force, BodyForce):
+        changes["body_force"] = tuple(_without(scene.body_force, "on", scene.inactive))
+    return scene.model_copy(update=changes)
+
+
+def _without(entries, key, gone):
+    """Return the entries without some tags or regions."""
+    found = []
+    for entry in entries:
+        words = tuple(word for word in getattr(entry, key) if word not in gone)
+        if words:
+            found.append(entry.model_copy(update={key: words}))
+    return found
+
+
+def _require_no_columns(scene, gone):
+    """Refuse to take away a surface of which the history records something."""
+    for i, boundary in enumerate(scene.boundary):
+        for name in boundary.surface_conditions():
+            lost = gone.intersection(boundary.on)
+            if CONDITIONS[name].columns and lost:
+                raise InputError(
+                    f"{scene.source_path or 'scene'} [boundary.{i}.{name}]: the tag"
+                    f" {shown(sorted(lost)[0])} is on inactive regions alone, expected a surface"
+                    " that stays, of which the history records the condition; keep its region"
+                )
+
+
+def remaining_facets(scene: Scene, mesh: LocalMesh) -> LocalMesh:
+    """Return the mesh with the tagged facets of what is left, those toward inactive regions among
+    them, by the names of these (collective).
+    """
+    numbers = [i for i, name in enumerate(mesh.regions) if name in scene.inactive]
+    active = ~np.isin(mesh.cell_region, numbers)
+    groups = mesh.facets | {name: mesh.inner[name] for name in scene.inactive}
+    here = {tag: active[facets.cells] for tag, facets in groups.items()}
+    tags = set().union(*mesh.comm.allgather({tag for tag, rows in here.items() if rows.any()}))
+    left = {tag: _part(groups[tag], here[tag]) for tag in groups if tag in tags}
+    return replace(mesh, facets=left)
+
+
+def require_loads(scenes: Iterable[Scene], mesh: LocalMesh) -> None:
+    """Raise InputError where a concentrated load of a scene is on an inactive region
+    (collective).
+    """
+    for scene in scenes:
+        if scene.inactive and scene.load:
+            active = [name for name in mesh.regions if name not in scene.inactive]
+            concentrated_loads(scene, Domain(mesh, active), lambda force: {})
+
+
+def _part(facets, rows):
+    return Facets(facets.nodes[rows], facets.cells[rows], facets.local[rows], facets.owned[rows])
