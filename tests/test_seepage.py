@@ -12,6 +12,7 @@ SHORT = (
     "expect=[]",
     "mesh.y.cells=[6]",
     "time.end=5",
+    "time.step=0.5",
     "boundary.2.traction.y='where(t < 2.6, -1e4, -1e3)'",
 )
 SPLIT = "patches=[{name='open', side='top', x=[0.0, 1.0]}, {name='under', side='left', y=[-2, -1]}]"
@@ -69,7 +70,7 @@ def test_it_drains_like_a_prescribed_pressure(tmp_path):
 
 def test_a_part_that_is_sealed_is_as_one_of_its_own(tmp_path):
     """Steady flow under a sheet pile to a bed of which only the part x < 1 m drains."""
-    short = ("expect=[]", "time.end=2e4")
+    short = ("expect=[]", "time.end=2e4", "time.scheme=backward_euler")
     surface = "surface=[{name='under', on='under', quantities=['flow_rate']}]"
     face = "{on='top', seepage='where(x < 1, 0, 1e6)'}]"
     split = "{on='open', pressure=0}, {on='top', displacement={}}]"
@@ -107,6 +108,22 @@ def test_a_split_whose_iterates_stray_is_refused(tmp_path):
     """The plain split took 120 iterations, and what they strayed to as the scale of its test."""
     with pytest.raises(InputError, match=r"boundary.2.seepage\]: received the plain split"):
         columns(tmp_path / "run", "coupling.split='plain'")
+
+
+def test_a_step_of_all_of_the_consolidation_lets_out_what_the_load_presses_out(tmp_path):
+    """The face opens in the first step and closes in the second, u = -q H/E_c after both."""
+    steps = ("time.step=1e4", "time.end=3e4", "boundary.2.traction.y=-1e4")
+    found = columns(tmp_path / "run", *steps)
+    settled = -1e4 * 10.0 / (8.375e6 + 2 * 5.583e6)
+    # Euler's step of T = c_v Δt/H² = 195 leaves 8/π² of 1/(1 + (π/2)² T) = 1.7e-3 of it
+    np.testing.assert_allclose(found["top.u_y"][1:], settled, rtol=2e-3)
+    np.testing.assert_allclose(found["top.u_y"][-1], settled, rtol=1e-5)
+
+
+def test_rates_that_are_not_those_at_the_end_of_a_step_are_refused():
+    words = "'generalized_alpha' with boundary.2.seepage .* expected 'backward_euler'"
+    with pytest.raises(InputError, match=words):
+        load_scene(SCENE, ("time.scheme=generalized_alpha",))
 
 
 def test_a_pressure_beside_it_is_refused():

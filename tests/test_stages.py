@@ -104,6 +104,23 @@ def test_a_restart_within_a_stage_is_the_same_run(tmp_path):
             np.testing.assert_array_equal(rest.fields[name], whole.fields[name])
 
 
+def test_a_restart_wants_the_ends_of_the_stages_that_are_over(tmp_path):
+    tables = column(stage(boundary=[loaded(-2e4)]), stage(3 * T, "third", boundary=[TOP]))
+    with Simulation.from_scene(tables, MPI.COMM_SELF) as whole:
+        whole.run(until=2.5 * T)
+        path = whole.checkpoint(tmp_path)
+    later = column(stage(boundary=[loaded(-2e4)]), stage(4 * T, "third", boundary=[TOP]))
+    with Simulation.from_scene(later, MPI.COMM_SELF, restart=path) as rest:
+        rest.run()
+        assert rest.time == 4 * T
+    other = column(stage(2.2 * T, boundary=[loaded(-2e4)]), stage(4 * T, "third", boundary=[TOP]))
+    with pytest.raises(InputError, match=r"\[stage.0.time.end\]"):
+        Simulation.from_scene(other, MPI.COMM_SELF, restart=path)
+    earlier = tables | {"time": tables["time"] | {"end": 0.9 * T}}
+    with pytest.raises(InputError, match=r"\[time.end\]"):
+        Simulation.from_scene(earlier, MPI.COMM_SELF, restart=path)
+
+
 def settling(first, *stages):
     """Return the column in steps of 5 s, at first under its weight until that is consolidated."""
     tables = column(*stages)

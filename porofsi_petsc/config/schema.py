@@ -278,6 +278,7 @@ class Scene(Table):
         self._check_precice()
         self._check_auto()
         self._check_time_scheme()
+        self._check_unilateral()
         self._check_mass_scaling()
         self._check_surface_columns()
         self._check_probes()
@@ -602,6 +603,23 @@ class Scene(Table):
                 " set that to true or 'auto'"
             )
             raise wrong(text, "model.porosity")
+
+    def _check_unilateral(self):
+        """Refuse conditions that open and close beside rates that are not those at the end of a
+        step.
+
+        A surface that closes holds the flux on the collocation level, where 1.5 v1 - 0.5 v0 is zero
+        with v1 = v0/3: without inertia, in steps as long as the consolidation, what flows out
+        meanwhile is of the order of all.
+        """
+        if self.model.solid_inertia is True or self.time.scheme == "backward_euler":
+            return
+        for i, boundary in enumerate(self.boundary):
+            for name in boundary.surface_conditions():
+                if CONDITIONS[name].unilateral:
+                    received = f"received '{self.time.scheme}' with boundary.{i}.{name}"
+                    text = "and without model.solid_inertia = true, expected 'backward_euler'"
+                    raise wrong(f"{received} {text}", "time.scheme")
 
     def _check_time_scheme(self):
         present = zip(("solid_inertia", "fluid_inertia"), self.phases, strict=True)

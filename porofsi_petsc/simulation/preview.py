@@ -157,8 +157,8 @@ def _drainage(domain, region, drained, where, c_v, layer):
 
 
 def _drained(scene, domain):
-    """Return the nodes with a prescribed pressure and those at which a free fluid takes what flows
-    out, (n_local,) bool.
+    """Return the nodes with a prescribed pressure or a seepage face and those at which a free fluid
+    takes what flows out, (n_local,) bool.
     """
     mesh = domain.mesh
     materials = materials_of(at_start(scene), mesh)
@@ -166,7 +166,8 @@ def _drained(scene, domain):
     beside = np.zeros(mesh.n_local, dtype=np.uint8)
     beside[mesh.cells[np.isin(mesh.cell_region, free)]] = 1
     mesh.halo.update(beside)
-    tags = [tag for b in scene.boundary if b.pressure is not None for tag in b.on]
+    draining = {"pressure", "seepage"}
+    tags = [tag for b in scene.boundary if draining & set(b.given()) for tag in b.on]
     tags += [tag for pair in scene.interface for tag in pair.solid]
     return nodes_of(mesh, tags) | (beside.astype(bool) & domain.holds)
 

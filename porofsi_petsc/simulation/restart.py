@@ -158,6 +158,10 @@ def _fixed(scene, other, stage):
     past = scene.get("stage", [])[:stage]
     keys = (*FIXED, "tie", "inactive", "reset_displacement")
     fixed["stage"] = [{key: entry.get(key) for key in keys} for entry in past]
+    if past:
+        fixed["time"] = {"end": scene["time"]["end"]}
+    for entry, over in zip(fixed["stage"], past[:-1], strict=False):  # without the present one
+        entry["time"] = {"end": over["time"].get("end")}
     fixed["initial"] = {"stress": scene.get("initial", {}).get("stress")}  # acts at all times
     if "reference" in scene and "reference" in other:
         fixed["reference"] = {key: scene["reference"].get(key) for key in COMPARED}
