@@ -2,9 +2,10 @@
 that contradicts it.
 """
 
+import numpy as np
 import pytest
 
-from porofsi_petsc import load_scene
+from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.errors import InputError
 from porofsi_petsc.simulation import check
 
@@ -74,3 +75,40 @@ def test_a_drained_wall_without_slip_is_refused():
         InputError, match="tag 'top' has boundary.2.pressure already, which excludes no_slip"
     ):
         scene("pressure=0, no_slip=true", "model.viscosity=true", "material.0.fluid.viscosity=1e-3")
+
+
+@pytest.mark.parametrize("scheme", ["partitioned", "quasi_direct", "direct"])
+def test_a_sealed_body_under_a_load_stays_as_it_is(scheme):
+    """Skempton: the pressure is the load from the first step on, and nothing moves; without weight
+    the volume balance has nothing but the round-off of a uniform pressure.
+    """
+    material = {
+        "region": "body",
+        "porosity": 0.4,
+        "solid": {"law": "linear_elastic", "lambda": 4e6, "mu": 8e6, "density": 2500.0},
+        "fluid": {"density": 1000.0, "specific_weight": 1e4},
+        "permeability": {"law": "constant", "k": 1e-3},
+    }
+    sealed = {
+        "title": "sealed column",
+        "mesh": {
+            "kind": "rectangle",
+            "order": 2,
+            "x": {"points": [0.0, 1.0], "cells": [1]},
+            "y": {"points": [0.0, 10.0], "cells": [6]},
+        },
+        "model": {"solid_inertia": False, "fluid_inertia": False},
+        "time": {"end": 1e4, "step": 1e3},
+        "material": [material],
+        "boundary": [
+            {"on": ["left", "right"], "displacement": {"x": 0.0}},
+            {"on": "bottom", "displacement": {"y": 0.0}},
+            {"on": "top", "traction": {"y": -1e5}},
+        ],
+        "probe": [{"name": "top", "at": [0.5, 10.0], "quantities": ["u_y", "p"]}],
+        "coupling": {"scheme": scheme},
+    }
+    with Simulation.from_scene(sealed) as simulation:
+        simulation.run()
+        assert np.abs(simulation.history["top.p"][1:] / 1e5 - 1).max() < 1e-9
+        assert np.abs(simulation.history["top.u_y"]).max() < 1e-9 * 10.0 * 1e5 / 2e7
