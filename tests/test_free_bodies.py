@@ -90,7 +90,6 @@ def test_it_goes_on_from_a_checkpoint_identically(tmp_path):
 
 
 @needs_mpirun
-@pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_do_not_matter(ranks, tmp_path):
     exactly = *SHORT, "coupling.tolerance=1e-10"
