@@ -221,7 +221,6 @@ def test_a_restart_continues_and_compares_the_stress(tmp_path):
         run_here(Job(scene, str(tmp_path / "other"), ("initial.stress.k0=0.6",), checkpoint))
 
 
-@pytest.mark.mpi
 @needs_mpirun
 def test_ranks_agree(tmp_path):
     scene = written(tmp_path)

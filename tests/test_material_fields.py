@@ -259,7 +259,6 @@ def test_a_restart_continues_and_compares_the_fields(tmp_path):
         run_here(other)
 
 
-@pytest.mark.mpi
 @needs_mpirun
 def test_ranks_agree(tmp_path):
     scene = written(tmp_path)
