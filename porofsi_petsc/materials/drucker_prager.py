@@ -157,7 +157,8 @@ class DruckerPrager(LinearElastic):
     def updated(self, internal: np.ndarray, duration: float, H: np.ndarray) -> np.ndarray:
         """Return the internal variables, (..., 10), of H (..., d, d)."""
         state = Flowing(self, internal).returned(H)
-        plastic = internal[..., :PLASTIC_STRAIN] + state.flow.reshape(*internal.shape[:-1], -1)
+        flow = state.flow.reshape(*internal.shape[:-1], PLASTIC_STRAIN)
+        plastic = internal[..., :PLASTIC_STRAIN] + flow
         return np.concatenate([plastic, state.accumulated[..., None]], axis=-1)
 
     def plastic_strain(self, internal: np.ndarray) -> np.ndarray:

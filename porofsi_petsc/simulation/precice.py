@@ -107,7 +107,7 @@ class Partner:
     def _read(self, dt):
         section = self._section
         values = self._link.read_data(section.mesh, section.read, self._vertices, dt)
-        return np.reshape(values, (len(self._medium.nodes), -1))
+        return np.reshape(values, (len(self._medium.nodes), self._medium.solid.mesh.dim))
 
     def _write(self):
         section = self._section
