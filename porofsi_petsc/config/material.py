@@ -32,6 +32,7 @@ from .fields import (
     require_within,
     values,
 )
+from .orientation import Direction, Orientation
 from .types import ListOf, Number, Positive, Table, Tags, wrong
 
 ROUND_OFF = 1 + 1e-12  # of λ/μ that is made of a Poisson ratio at its bound
@@ -112,7 +113,8 @@ class MaxwellBranch(Table):
 
 class Solid(OfLaw):
     """The skeleton: law, Lamé parameters [Pa] (or young [Pa] and poisson) and true density rho_sR
-    [kg/m^3]; branches of a generalized Maxwell body of a viscoelastic one.
+    [kg/m^3]; branches of a generalized Maxwell body of a viscoelastic one; axes of the directions
+    of an anisotropic one.
     """
 
     lambda_: NumberField | None = Field(None, alias="lambda")
@@ -121,6 +123,7 @@ class Solid(OfLaw):
     poisson: PoissonField | None = None
     density: PositiveField
     prony: Annotated[tuple[MaxwellBranch, ...], ListOf(shortest=1)] | None = None
+    orientation: Orientation | None = None
 
     @model_validator(mode="after")
     def _resolve_lame(self):
@@ -148,6 +151,15 @@ class Solid(OfLaw):
             return self
         lame = dict(zip(("lambda_", "mu"), _lame(self.young, self.poisson), strict=True))
         return self.model_copy(update=lame | {"young": None, "poisson": None})
+
+    @model_validator(mode="after")
+    def _has_directions(self):
+        if self.orientation and not ELASTIC[self.law].anisotropic:
+            raise wrong(
+                f"received one with the law '{self.law}', which has no directions; leave it out",
+                "orientation",
+            )
+        return self
 
     def _require_ratio(self, by_lame):
         """Refuse numbers with a larger λ/μ than the law admits: an energy without a lower bound."""
@@ -219,9 +231,6 @@ class Fluid(Table):
         0 without.
         """
         return self.effective_viscosity or self.viscosity or 0.0
-
-
-Direction = Annotated[tuple[Number, ...], ListOf(3, 3)]
 
 
 class Permeability(OfLaw):
@@ -320,7 +329,20 @@ class Material(Table):
             table = getattr(self, name)
             keys = type(table).model_fields if table else {}
             entries |= {f"{name}.{keys[key].alias or key}": getattr(table, key) for key in keys}
+        if self.orientation:
+            found = self.orientation.fields
+            entries |= {f"solid.orientation.{key}": entry for key, entry in found.items()}
         return {key: entry for key, entry in entries.items() if isinstance(entry, FIELD)}
+
+    @property
+    def orientation(self) -> Orientation | None:
+        """Return the axes of the solid's directions, None where they are the coordinates."""
+        return self.solid.orientation if self.solid else None
+
+    @property
+    def is_uniform(self) -> bool:
+        """Return whether it is the same in all cells."""
+        return not self.fields and self.orientation is None
 
     def mobility_at(self, cells: Cells) -> Any:
         """Return k_f / gamma_fR = K / mu_f [m^4/(N s)] in the reference state in cells, so that the

@@ -262,6 +262,8 @@ class Scene(Table):
         for i, material in enumerate(self.material):
             check_expressions(material, self.dim, f"material.{i}", position_only=True)
             self._check_fields(material, i)
+            if material.orientation:
+                self._check_orientation(material.orientation, f"material.{i}.solid.orientation")
         for i, tie in enumerate(self.tie):
             check_axes(tie.components, self.dim, f"tie.{i}.components")
         if isinstance(self.body_force, BodyForce):
@@ -340,6 +342,16 @@ class Scene(Table):
                 f"received a formula with [reference] '{self.reference.solution}', whose material"
                 " is uniform; leave the section out and give [[expect]]",
                 f"material.{i}.{key}",
+            )
+
+    def _check_orientation(self, orientation, key):
+        """Refuse axes where the directions are those of a ring, or nobody turns them."""
+        orientation.check(self.dim, key)
+        if self.axisymmetric:
+            raise wrong(
+                "received one around an axis, where directions are along r, z and θ already; leave"
+                " it out",
+                key,
             )
 
     def _check_public(self):

@@ -192,6 +192,19 @@ class Domain:
         where = ", ".join(f"{c:.4g}" for c in found)
         raise failure(f"({where}) m of the reference")
 
+    def points_of_stress(self, rows: slice | np.ndarray, N: np.ndarray | None = None) -> np.ndarray:
+        """Return the reference positions X, (E, P, d) [m], of the points of the stress in some
+        elements, or of others with the shape functions N (P, A).
+        """
+        return (self._stress_shape if N is None else N) @ self.gather(self.mesh.X, rows)
+
+    @cached_property
+    def _stress_shape(self):
+        """Return N (Q', A): one gradient is that of the mean of the points."""
+        rule = self.stiffness
+        is_one = self.reference_stiffness.G.shape[1] == 1
+        return (rule.weights @ rule.N / rule.weights.sum())[None] if is_one else rule.N
+
     def least_volume_ratio(self, u: np.ndarray) -> float:
         """Return the least J of an element under the displacement u (n_local, d), in its mean, 1 at
         most (collective).

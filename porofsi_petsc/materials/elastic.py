@@ -42,6 +42,7 @@ class ElasticLaw:
     # true: the stress is infinite at J = n_s0, where no pore is left, and NaN beyond
     compacts = False
     anisotropic = False  # true: at small strain it is not that of λ and μ alone
+    turns = False  # true: its directions follow the position, and `placed` gives those of points
     most_lame_ratio = inf  # the largest λ/μ with which it is a law [-]
 
     @property
@@ -58,6 +59,10 @@ class ElasticLaw:
 
     def at(self, cells: slice | np.ndarray) -> ElasticLaw:
         """Return the law of some cells of the mesh, by their numbers: the same for all."""
+        return self
+
+    def placed(self, X: np.ndarray) -> ElasticLaw:
+        """Return the law at points X (E, P, d) [m] of its cells: the same at all."""
         return self
 
     @property

@@ -31,16 +31,13 @@ class InitialStress:
     @cached_property
     def _at_points(self):
         """Return σ_0 at the points of the stress, (E, Q', 3, 3) [Pa]."""
-        domain = self._domain
-        rule = domain.stiffness
-        N = rule.N
-        if domain.reference_stiffness.G.shape[1] == 1:  # one gradient, the mean of the points
-            N = (rule.weights @ N / rule.weights.sum())[None]
-        return self._values(slice(None), N)
+        return self._values(slice(None))
 
-    def _values(self, rows, N):
-        """Return σ_0, (E, P, 3, 3) [Pa], at points with the shape functions N (P, A)."""
-        X = N @ self._domain.gather(self._domain.mesh.X, rows)
+    def _values(self, rows, N=None):
+        """Return σ_0, (E, P, 3, 3) [Pa], at points, those of the stress or with the shape functions
+        N (P, A).
+        """
+        X = self._domain.points_of_stress(rows, N)
         found = np.zeros((*X.shape[:2], 3, 3))
         for (i, j), formula in self._given.items():
             values = formula(0.0, X.reshape(-1, X.shape[-1])).reshape(X.shape[:2])

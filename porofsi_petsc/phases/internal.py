@@ -43,6 +43,7 @@ class InternalVariables:
 
     def law(self, law: ElasticLaw, chunk: slice, duration: float) -> Any:
         """Return the law of some elements at their points, a time [s] after the accepted state."""
+        law = self._placed(law, chunk)
         if law.memory:
             law = law.after(self._values[chunk, :, : law.memory], duration)
         return self._initial.law(law, chunk) if self._initial else law
@@ -53,12 +54,16 @@ class InternalVariables:
 
         The variables there are the linear ones next to those of the points.
         """
+        if N is None:
+            N = np.eye(len(self._domain.element.node_coordinates))
+        law = self._placed(law, rows, N)
         if law.memory:
             law = law.after(self.at(law, rows, N), 0.0)
-        if self._initial is None:
-            return law
-        nodes = np.eye(len(self._domain.element.node_coordinates))
-        return self._initial.law(law, rows, nodes if N is None else N)
+        return self._initial.law(law, rows, N) if self._initial else law
+
+    def _placed(self, law, rows, N=None):
+        """Return the law at points, if its directions turn."""
+        return law.placed(self._domain.points_of_stress(rows, N)) if law.turns else law
 
     def at(self, law: ElasticLaw, rows: Any, N: np.ndarray | None = None) -> np.ndarray:
         """Return the variables of a law with memory in some elements at their nodes, or at points
@@ -85,7 +90,7 @@ class InternalVariables:
         """Integrate them over a time [s] that ends with the displacement u (n_local, d) [m]."""
         domain = self._domain
         for region, chunk in domain.chunks(doubles_per_cell):
-            law = self._laws[region].at(domain.cell_numbers[chunk])
+            law = self._placed(self._laws[region].at(domain.cell_numbers[chunk]), chunk)
             if law.memory:
                 part = domain.reference_stiffness.part(chunk)
                 H = displacement_gradient(part.G, domain.gather(u, chunk), part.hoop)

@@ -3,6 +3,7 @@ distributed mesh.
 """
 
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from ..linalg.stopwatch import Stopwatch
 from ..materials import PERMEABILITY
 from ..materials.drag import Anisotropy
 from ..materials.graded import graded
+from ..materials.oriented import oriented
 from ..materials.porous import PorousMaterial
 from ..phases.initial_stress import InitialStress
 from ..phases.loads import BodyForce
@@ -58,7 +60,7 @@ def materials_of(scene: Scene, mesh: LocalMesh) -> dict[str, PorousMaterial]:
 
 def _in_regions(entry, scene, mesh, regions):
     """Return the material of an entry in the cells of its regions (collective)."""
-    if not entry.fields:
+    if entry.is_uniform:
         return material_of(entry, scene.model)
     numbers = [mesh.regions.index(region) for region in regions]
     cells = np.flatnonzero(np.isin(mesh.cell_region, numbers))
@@ -74,7 +76,23 @@ def _in_regions(entry, scene, mesh, regions):
     lam, mu = found.moduli
     ratio = mesh.comm.allreduce(float(np.max(lam / mu, initial=-np.inf)), MPI.MAX)
     n_cells = len(mesh.cells)
-    return material_of(entry, scene.model, found.over(cells, n_cells), ratio)
+    material = material_of(entry, scene.model, found.over(cells, n_cells), ratio)
+    if entry.orientation is None:
+        return material
+    centres = mesh.X[mesh.cells].mean(axis=1)
+    law = oriented(material.elastic, _axes(entry.orientation, mesh.values), centres)
+    return replace(material, elastic=law)
+
+
+def _axes(orientation, values):
+    """Return the function of points and cells that gives the axes of an orientation."""
+
+    def axes(X, cells):
+        E, P, d = X.shape
+        arrays = {name: np.repeat(array[cells], P) for name, array in values.items()}
+        return orientation.at(Cells(X.reshape(-1, d), arrays)).reshape(E, P, 3, 3)
+
+    return axes
 
 
 class Coefficients(NamedTuple):
@@ -93,6 +111,8 @@ class Coefficients(NamedTuple):
         assert entry.solid  # nobody asks a fluid
         mobility = entry.mobility_at(cells) if entry.permeability else np.inf
         moduli = entry.solid.lame(cells)
+        if entry.orientation:
+            entry.orientation.require_in(cells, "solid.orientation")
         return cls(entry.porosity_at(cells), moduli, entry.density_at(cells), mobility)
 
     def over(self, cells: np.ndarray, n_cells: int) -> "Coefficients":
