@@ -336,7 +336,7 @@ with Simulation.from_scene("terzaghi", overrides=["time.end=0.02", "expect=[]"])
 @needs_mpirun
 @pytest.mark.parametrize(
     "error, code, said",
-    [("ZeroDivisionError('one of us')", 1, "one of us"), ("SystemError('x')", 1, "rank 1 of 2")],
+    [("ZeroDivisionError('one of us')", 1, "one of us"), ("SystemExit(7)", 7, "rank 1 of 2")],
 )
 def test_an_error_of_one_rank_ends_the_job_of_all(error, code, said, tmp_path):
     """The others wait for it in the next step, for ever."""

@@ -41,7 +41,7 @@ class Agreement:
         """
         try:
             yield
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if self._several and not self.everyone_fails():
                 self._end(error)
             raise
@@ -51,6 +51,9 @@ class Agreement:
         if isinstance(error, PorofsiError):
             text = f"error: {error}"
             code = error.exit_code
+        elif isinstance(error, SystemExit):
+            text = f"rank {self._comm.rank} of {self._comm.size} left alone: exit({error.code!r})"
+            code = error.code if isinstance(error.code, int) and error.code else 1
         else:
             lines = "".join(traceback.format_exception(error))
             text = f"rank {self._comm.rank} of {self._comm.size} failed:\n{lines}"
