@@ -1,5 +1,5 @@
 """Patch tests on distorted meshes of every element: what is linear is exact, and rigid motions are
-free of stress (Irons & Razzaque 1972; Zienkiewicz & Taylor, vol. 1, ch. 9).
+free of stress (Irons & Razzaque 1972; Zienkiewicz & Taylor, vol. 1).
 """
 
 from types import SimpleNamespace

@@ -20,7 +20,7 @@ class Seepage(SurfaceCondition):
 
     q = β <p - p_ext>_+ with β = 1e6 k/(γ h), h the volume of the element behind over the area of
     the facet: a penalty whose active set, p ≥ p_ext, is that of a semi-smooth Newton iteration
-    (Hintermüller, Ito & Kunisch 2003).
+    (Hintermüller, Ito & Kunisch 2002).
     """
 
     balance = "volume"

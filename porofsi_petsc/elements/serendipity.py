@@ -3,7 +3,7 @@ nodes in VTK's order.
 
 Their shape functions are sums of those of the Lagrange element: at its nodes that they lack they
 have the values -1/4, those of a vertex, and 1/2 (in a face) or 1/4 (in a cell), those of a mid-edge
-node (Zienkiewicz & Taylor, The Finite Element Method, vol. 1, ch. 8).  On cells that are no
+node (Zienkiewicz & Taylor, The Finite Element Method, vol. 1).  On cells that are no
 parallelograms complete are the polynomials of degree 1 only (Arnold, Boffi & Falk, Math. Comp. 71
 (2002) 909).
 """

@@ -3,7 +3,7 @@
 Vertex a > 0 sits at the unit vector of axis a - 1, vertex 0 at the origin.  A mid-edge node follows
 the vertices in the order of `edges`.  With barycentric coordinates L_a the shape functions are L_a
 (order 1), and L_a (2 L_a - 1) at the vertices and 4 L_a L_b at the mid-edge nodes (order 2)
-(Zienkiewicz & Taylor, The Finite Element Method, vol. 1, ch. 8).
+(Zienkiewicz & Taylor, The Finite Element Method, vol. 1).
 """
 
 from itertools import combinations

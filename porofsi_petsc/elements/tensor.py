@@ -2,7 +2,7 @@
 order.
 
 The shape functions are products of those of a line with 2 or 3 equidistant nodes, one of every
-coordinate (Zienkiewicz & Taylor, The Finite Element Method, vol. 1, ch. 8).  Nodes: vertices,
+coordinate (Zienkiewicz & Taylor, The Finite Element Method, vol. 1).  Nodes: vertices,
 middles of edges, of the faces of a hexahedron, of the cell.
 """
 

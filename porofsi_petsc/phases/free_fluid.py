@@ -96,7 +96,7 @@ class FreeFluid(FluidPhase):
         without given tractions.
 
         Inside it is zero up to the solver's tolerance; on boundary nodes no stress is recovered
-        (Gresho, Lee & Sani 1987).
+        (Gresho et al. 1987).
         """
         return -momentum.without("traction")
 

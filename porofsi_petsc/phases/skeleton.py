@@ -55,8 +55,8 @@ class Skeleton(SolidPhase):
         principal axes; None without any.
 
         Corrected split: ρ_χ c_a, the inertia with the fluid that is dragged along, the drag itself
-        as a force.  Plain split (the founding paper's block): ρ_s c_a and the derivative S c_v of
-        the drag, or the scaled mass without it.
+        as a force.  Plain split (the block of Meirelles et al.): ρ_s c_a and the derivative S c_v
+        of the drag, or the scaled mass without it.
         """
         split = self.setup.split
         if split == "plain":
