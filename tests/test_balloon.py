@@ -5,11 +5,15 @@ pressure of the solid.
 import numpy as np
 import pytest
 from mpi4py import MPI
+from running import ROOT
+from test_nonmatching import joined, region_of
 
 from porofsi_petsc import load_scene
 from porofsi_petsc.coupling.interface import InterfaceMonolithic
 from porofsi_petsc.exact import Ring
 from porofsi_petsc.linalg.options import start
+from porofsi_petsc.mesh import read_mesh
+from porofsi_petsc.mesh.write import write_mesh
 from porofsi_petsc.simulation.simulation import Simulation
 from porofsi_petsc.studies.trial import attempt
 
@@ -51,14 +55,17 @@ def filled(*options):
     def watcher(coupling):
         X = coupling.solid.mesh.X
         domain = coupling.fluid.domain
-        (point,) = np.flatnonzero(np.hypot(X[:, 0] - RING.outer, X[:, 1]) < 1e-9)
+        here = np.hypot(X[:, 0] - RING.outer, X[:, 1]) < 1e-9
+        dry, wet = (
+            np.flatnonzero(here & part.holds)[0] for part in (coupling.solid.domain, domain)
+        )
 
         def look(clock, coupling, energy):
             volume = domain.sum_owned(
                 coupling.accepted_mesh_state().configuration.geometry.dV.sum(axis=1)
             )
             pressure = coupling.fluid.state()["p_collocated"]
-            rows.append((clock.t, volume, coupling.solid.u[point, 0], pressure[point]))
+            rows.append((clock.t, volume, coupling.solid.u[dry, 0], pressure[wet]))
 
         return look
 
@@ -67,9 +74,29 @@ def filled(*options):
     return np.array(rows).T
 
 
-@pytest.mark.parametrize("choice", ["interface=auto", "interface=robin_neumann", "scheme=direct"])
-def test_a_balloon_grows_by_what_flows_in_and_presses_as_its_ring_does(choice):
-    t, volume, displacement, pressure = filled(f"coupling.{choice}")
+def apart(folder):
+    """Return the changes for a fluid of the coarse mesh beside the ring of the fine one, whose
+    facets are half as long.
+    """
+    parts = [read_mesh(ROOT / f"configs/meshes/ring_{level}_p2.msh", 2) for level in (0, 1)]
+    sides = region_of(parts[0], "fluid", "wet_fluid"), region_of(parts[1], "ring", "wet_ring")
+    write_mesh(folder / "apart.msh", joined(*sides))
+    return (
+        f"mesh={{kind='file', path='{folder}/apart.msh', dim=2}}",
+        "interface=[{fluid='wet_fluid', solid='wet_ring'}]",
+    )
+
+
+CHOICES = ["interface=auto", "interface=robin_neumann", "scheme=direct"]
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+@pytest.mark.parametrize("meshes", [1, 2])
+def test_a_balloon_grows_by_what_flows_in_and_presses_as_its_ring_does(meshes, choice, tmp_path):
+    """On one mesh, and on two with nodes of their own on the interface."""
+    t, volume, displacement, pressure = filled(
+        f"coupling.{choice}", *(apart(tmp_path) if meshes == 2 else ())
+    )
     # the nodes of the wall have the exact speed, 16 arcs of second order between them a length of
     # 1e-7 less than the circle's; the trapezoidal rule is exact for a linear inflow, and for the
     # area that a line sweeps: the coupling's tolerance is left

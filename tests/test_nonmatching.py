@@ -612,18 +612,18 @@ WRONG = {
             r" the fluid's, whose force it is"
         ),
     ),
-    "monolithic": (
-        ["coupling.scheme=direct"],
+    "the answer of the solid": (
+        ["coupling.interface=condensed"],
         (
-            r"\[coupling\.scheme\]: received 'direct' with \[\[interface\]\], expected"
-            r" 'partitioned', 'weak' or 'one_way', or a mesh"
+            r"\[coupling\.interface\]: received 'condensed' with \[\[interface\]\], whose sides"
+            r" cannot .*; expected 'dirichlet_neumann', 'robin_neumann' or"
         ),
     ),
-    "Robin": (
-        ["coupling.interface=robin_neumann"],
+    "a velocity for the solid": (
+        ["coupling.interface=neumann_dirichlet"],
         (
-            r"\[coupling\.interface\]: received 'robin_neumann' with \[\[interface\]\], expected"
-            r" 'dirichlet_neumann', or a mesh"
+            r"\[coupling\.interface\]: received 'neumann_dirichlet' with \[\[interface\]\], whose"
+            r" sides cannot .*; expected 'dirichlet_neumann', 'robin_neumann' or"
         ),
     ),
     "no solid": (

@@ -38,7 +38,7 @@ def test_a_thin_layer_is_its_mass_and_a_thick_one_a_wave():
 
 
 def test_the_first_relaxation_balances_the_waves_with_and_without_added_mass():
-    factor = InterfaceConditions("dirichlet_neumann", LAYER, "auto", None).first_factor
+    factor = InterfaceConditions("dirichlet_neumann", LAYER, "auto", None, None).first_factor
     ratio = LAYER.mass_ratio
     assert ratio * LAYER.rho_s * LAYER.thickness * RATES.c_f == pytest.approx(
         fluid_impedance(1000.0, 0.1 / np.pi, RATES)
@@ -46,11 +46,11 @@ def test_the_first_relaxation_balances_the_waves_with_and_without_added_mass():
     assert abs(1 - factor * (1 + ratio)) == pytest.approx(1 - factor, rel=1e-12)
     assert (
         InterfaceConditions(
-            "dirichlet_neumann", replace(LAYER, rho_f=0.0), "auto", None
+            "dirichlet_neumann", replace(LAYER, rho_f=0.0), "auto", None, None
         ).first_factor
         == 1
     )
-    assert InterfaceConditions("robin_neumann", LAYER, "auto", None).first_factor is None
+    assert InterfaceConditions("robin_neumann", LAYER, "auto", None, None).first_factor is None
 
 
 def channel(pair, **changes):

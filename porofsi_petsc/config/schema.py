@@ -443,24 +443,19 @@ class Scene(Table):
                 )
 
     def _check_interfaces(self):
-        """Refuse sides of an interface where there are none, and schemes that need common nodes on
-        it.
+        """Refuse sides of an interface where there are none, and conditions that need common nodes
+        on it.
         """
         if not self.interface:
             return
         if {material.kind for material in self.material} != {"solid", "fluid"}:
             text = "expected a free fluid and a solid without pores beside it; leave it out"
             raise wrong(f"received two surfaces without such materials, {text}", "interface.0")
-        if self.coupling.scheme in ("quasi_direct", "direct"):
+        if self.coupling.interface in ("condensed", "neumann_dirichlet"):
             text = (
-                "with [[interface]], expected 'partitioned', 'weak' or 'one_way', or a mesh with"
-                " common nodes and none"
-            )
-            raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
-        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
-            text = (
-                "with [[interface]], expected 'dirichlet_neumann', or a mesh with common nodes and"
-                " none"
+                "with [[interface]], whose sides cannot tell each other all of a motion; expected"
+                " 'dirichlet_neumann', 'robin_neumann' or 'robin_robin', or coupling.scheme ="
+                " 'direct'"
             )
             raise wrong(f"received '{self.coupling.interface}' {text}", "coupling.interface")
         taken = {}

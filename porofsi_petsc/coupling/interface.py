@@ -191,8 +191,8 @@ class _Sweep(InterfaceSweep):
     """One Newton step of the fluid, one of the solid under the new force, and an accelerated
     displacement of the solid.
 
-    Conditions, with the mass M of the interface:  fluid  R_f + R_s + α_f M (v_f - v_s) = 0,  solid
-    R_s + R_f + α_s M (v_s - v_f) = 0.  An infinite α is a Dirichlet, a vanishing one a Neumann
+    Conditions, with the mass M of the interface:  fluid  R_f + R_s + α_f M (v_f - P v_s) = 0, solid
+    R_s + R_f + α_s M (P v_s - v_f) = 0.  An infinite α is a Dirichlet, a vanishing one a Neumann
     condition.  Between two sweeps v_f takes the value of v_s, so that the residuals that end the
     step are those of the monolithic system whatever the conditions are.
 
@@ -222,8 +222,7 @@ class _Sweep(InterfaceSweep):
     def _iterate(self, iteration, solid_residual, fluid_residuals, rates):
         self._renew_tangents(iteration, rates)
         before = self.solid.unknowns[self._rows]
-        own = solid_residual.unconstrained - solid_residual.terms["interface"]
-        self.fluid.correct(fluid_residuals, fluid_residuals[0].unconstrained + own)
+        self.fluid.correct(fluid_residuals, self._conditions.unbalanced(solid_residual))
         extra = self._conditions.robin_force(self.fluid, self.solid)
         solid_residual = self.solid.residual(
             self._with_force(self.fluid.interface_force(self.mesh_state()))

@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 
 from ..fem.boundary import InterfaceMass
+from ..fem.transfer import InterfaceTransfer
 from ..phases.coupling_data import Rates
+from ..phases.residual import Residual
 from .protocols import InterfaceFluid, InterfaceSolid
 
 # α_f over the impedance S_s of a layer that moves as a whole, the smallest of all waves.  The error
@@ -67,8 +69,8 @@ class InterfaceMeans:
 
 
 class InterfaceConditions:
-    """A pair of conditions: its coefficients α_f and α_s [Pa s/m] in a step, and what it adds to
-    the solid's side of a sweep.
+    """A pair of conditions: its coefficients α_f and α_s [Pa s/m] in a step, what drives the fluid
+    in a sweep and what it adds to the solid's side.
     """
 
     def __init__(
@@ -76,15 +78,17 @@ class InterfaceConditions:
         name: str,
         interface: InterfaceMeans | None,
         coefficient: float | Literal["auto"],
-        masses: tuple[InterfaceMass, InterfaceMass],
+        mass: InterfaceMass,
+        transfer: InterfaceTransfer,
     ) -> None:
-        """Take the name of the pair, the `InterfaceMeans`, α_f or "auto", and the
-        `fem.boundary.InterfaceMass` of fluid and solid.
+        """Take the name of the pair, the `InterfaceMeans`, α_f or "auto", the
+        `fem.boundary.InterfaceMass` of the fluid and the `fem.transfer.InterfaceTransfer`.
         """
         self.name = name
         self._interface = interface
         self._given = coefficient
-        self._masses = masses
+        self._mass = mass
+        self._transfer = transfer
 
     @property
     def first_factor(self) -> float | None:
@@ -111,13 +115,25 @@ class InterfaceConditions:
             alpha = fluid_impedance(this.rho_f, sqrt(this.extent * this.facet) / pi, rates)
             solid.robin_coefficient = min(alpha, TANGENTIAL * fluid.robin_coefficient)
 
-    def robin_force(self, fluid: InterfaceFluid, solid: InterfaceSolid) -> np.ndarray:
-        """Return α_s M (v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told the
-        velocity takes it.
+    def unbalanced(self, solid_residual: Residual) -> np.ndarray | None:
+        """Return R_s + R_f of the interface on the fluid's nodes, (n_owned, d) [N], which drives a
+        fluid that is not told the velocity.
+
+        Where the solid is held there is none: what it takes is no balance of the two, but the
+        reaction of a support.
         """
-        gap = solid.velocity - fluid.flow().velocity
+        if self.name == "dirichlet_neumann":
+            return None
+        return self._transfer.force_to_fluid(solid_residual.total)
+
+    def robin_force(self, fluid: InterfaceFluid, solid: InterfaceSolid) -> np.ndarray:
+        """Return α_s Pᵀ M (P v_s - v_f) on the owned nodes, (n_owned, d) [N]; a solid that is told
+        the velocity takes it.
+        """
+        gap = self._transfer.to_fluid(solid.velocity) - fluid.flow().velocity
         if self.name == "robin_robin":
-            return solid.robin_coefficient * self._masses[1].times(solid.domain, gap)
+            force = self._mass.times(fluid.domain, gap)
+            return solid.robin_coefficient * self._transfer.to_solid(force)
         if self.name == "neumann_dirichlet":
             solid.take_velocity(gap)
         return np.zeros((solid.mesh.n_owned, solid.mesh.dim))

@@ -48,7 +48,16 @@ class Prescribed:
         return self.given.expression(t, mesh.X[self.nodes])
 
 
-class Constraints(Protocol):
+class Transformation(Protocol):
+    """Linear constraints u = T q of the displacements in a matrix."""
+
+    def transformation(self, domain: Any, m: int) -> tuple[csr_matrix, csr_matrix]:
+        """Return T and the projection onto what it leaves out, for m unknowns on each node
+        (collective).
+        """
+
+
+class Constraints(Transformation, Protocol):
     """What is prescribed beside single components; see `constraints.LinearConstraints`."""
 
     @property
@@ -64,11 +73,6 @@ class Constraints(Protocol):
 
     def project(self, owned: np.ndarray) -> np.ndarray:
         """Return a vector (n_owned, k) without the forces that hold it (collective)."""
-
-    def transformation(self, domain: Any, m: int) -> tuple[csr_matrix, csr_matrix]:
-        """Return T and the projection onto what it leaves out, for m unknowns on each node
-        (collective).
-        """
 
 
 class Dirichlet:

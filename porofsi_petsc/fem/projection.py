@@ -18,6 +18,9 @@ from .geometry import Rule, facet_measure
 FINER = {1: 4, 2: 2}
 FINEST = {1: 32, 2: 4}
 ROUND_OFF = 1e-9
+# Entries of P that its matrix leaves out: they fall exponentially with the distance, and a Newton
+# step without them leaves no more than this part of the residual.
+NEGLIGIBLE = 1e-10
 SHARP = np.cos(
     np.radians(50)
 )  # of the angle between normals: eight facets of a circle are smooth, corners are not
@@ -102,6 +105,15 @@ class SurfaceProjection:
         return self._at_rim.T @ forces[self._rim] + self._crossed.T @ self._solve(
             forces[self._inner], "T"
         )
+
+    def matrix(self) -> scipy.sparse.csr_matrix:
+        """Return P, (n, n_source), without entries below NEGLIGIBLE: for tangents, not for what
+        is to be conserved.
+        """
+        inner = self._solve(self._crossed.toarray(), "N")
+        inner[np.abs(inner) < NEGLIGIBLE] = 0.0
+        order = np.argsort(np.concatenate([self._rim, self._inner]))
+        return scipy.sparse.vstack([self._at_rim, scipy.sparse.csr_matrix(inner)]).tocsr()[order]
 
     def _solve(self, right, transposed):
         return self._factor.solve(right, transposed) if self._factor else right

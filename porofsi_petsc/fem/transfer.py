@@ -4,17 +4,22 @@ fluid's forces back.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy.sparse
 
 from ..errors import InputError
 from .closest import closest_points, facet_sizes
 from .distribute import LocalMesh
+from .domain import Domain
+from .essential import Transformation
 from .projection import SurfaceProjection
 
 # Distance of a node from the other side over the facet there, at most: curved sides of straight
 # facets are apart by the facets' sagitta, 0.1 of a facet where eight of them make a circle.
 GAP = 0.1
+ROUND_OFF = 1e-9  # of what a row of P has of free nodes where all others are held
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,7 @@ class InterfaceTransfer:
 
         Raises InputError where the sides of a pair are apart.
         """
+        self._mesh, self._shared, self._pairs = mesh, shared, pairs
         self.fluid_nodes = shared.copy()
         self.solid_nodes = shared.copy()
         self._parts = []
@@ -83,6 +89,106 @@ class InterfaceTransfer:
             moved[part.solid.owned] += spread[part.solid.rows[: len(part.solid.owned)]]
         return moved
 
+    def force_to_fluid(self, force: np.ndarray) -> np.ndarray:
+        """Return forces (n_owned, d) [N] of which those on the solid's side act on the fluid's
+        nodes, by Qᵀ, Q the projection of the fluid's motion to the solid (collective).
+
+        Constant tractions stay what they are; what is made of others a Robin condition asks for in
+        a sweep, but no solution depends on it.
+        """
+        return self._back.to_solid(force)
+
+    @cached_property
+    def _back(self):
+        """Return the transfer with the sides exchanged (collective)."""
+        pairs = [Pair(pair.solid, pair.fluid, pair.where) for pair in self._pairs]
+        return InterfaceTransfer(self._mesh, self._shared, pairs)
+
+    @property
+    def follows(self) -> np.ndarray:
+        """Return the fluid's nodes that are none of the solid, of which P is the motion, (n_local,)
+        bool.
+        """
+        return self.fluid_nodes & ~self.solid_nodes
+
+    def held(self, held: np.ndarray) -> np.ndarray:
+        """Return where components of the solid are held, (n_local, d) bool, with those of the
+        fluid's side that depend on no others (collective).
+        """
+        return np.abs(self.to_fluid((~held).astype(float))) < ROUND_OFF
+
+    def eliminated(
+        self, held: np.ndarray, constraints: Transformation | None
+    ) -> Transformation | None:
+        """Return the constraints of a displacement in a matrix of both sides: u_f = P u_s beside
+        those of the solid.
+
+        held : (n_local, d) bool, prescribed displacements; without nodes of their own the solid's
+        are all
+        """
+        return _Eliminated(self._parts, held, constraints) if self._parts else constraints
+
+
+class _Eliminated:
+    """The transformation u = T q of a displacement of which the fluid's side is no unknown: its
+    rows are those of P times what the constraints of the solid make of q.
+    """
+
+    def __init__(self, parts, held, constraints):
+        self._parts = parts
+        self._held = held
+        self._constraints = constraints
+
+    def transformation(
+        self, domain: Domain, m: int
+    ) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+        """Return T and the projection onto what it leaves out, for m unknowns on each node of a
+        domain (collective).
+        """
+        T, left_out = self._of_solid(domain, m)
+        size = T.shape[0]
+        kept = np.ones(size)
+        rows = [np.zeros(0, dtype=int)]
+        motion = [scipy.sparse.csr_matrix((0, T.shape[1]))]
+        for part in self._parts:
+            rows.append(_unknowns(domain, part.fluid.owned, m))
+            motion.append(part.matrix(domain.dim) @ self._surface(T, domain, part.solid, m))
+        followers = np.concatenate(rows)
+        kept[followers] = 0.0
+        ones = np.ones(len(followers))
+        spread = scipy.sparse.csr_matrix(
+            (ones, (followers, np.arange(len(followers)))), shape=(size, len(followers))
+        )
+        own = scipy.sparse.csr_matrix(
+            (ones, (followers, m * domain.first + followers)), shape=T.shape
+        )
+        T = (scipy.sparse.diags(kept) @ T + spread @ scipy.sparse.vstack(motion)).tocsr()
+        T.eliminate_zeros()
+        return T, (left_out + own).tocsr()
+
+    def _of_solid(self, domain, m):
+        """Return the transformation without the fluid's side (collective)."""
+        if self._constraints is not None:
+            return self._constraints.transformation(domain, m)
+        size = m * len(domain.nodes)
+        columns = m * domain.mesh.comm.allreduce(len(domain.nodes))
+        T = scipy.sparse.eye(size, columns, m * domain.first, format="csr")
+        return T, scipy.sparse.csr_matrix(T.shape)
+
+    def _surface(self, T, domain, nodes, m):
+        """Return the rows of T of the free displacements of a surface, node by node, (N d, columns)
+        (collective).
+        """
+        free = (~self._held[nodes.owned]).astype(float).ravel()
+        mine = scipy.sparse.diags(free) @ T[_unknowns(domain, nodes.owned, m)]
+        return nodes.in_order(scipy.sparse.vstack(domain.mesh.comm.allgather(mine)), domain.dim)
+
+
+def _unknowns(domain, owned, m):
+    """Return the rows of the displacement of owned nodes of a domain among those of this rank."""
+    nodes = np.searchsorted(domain.nodes, owned)
+    return (m * nodes[:, None] + np.arange(domain.dim)).ravel()
+
 
 class _Part:
     """The two sides of one pair, which every rank has and projects alike; fluid, solid :
@@ -111,6 +217,12 @@ class _Part:
         whole[self._new] = forces
         return self._projection.transposed(whole)
 
+    def matrix(self, dim):
+        """Return the rows of P ⊗ 1 of the owned nodes that are not taken, (n dim, N_s dim)."""
+        P = self._projection.matrix()[self._new]
+        mine = P[self.fluid.rows[: len(self.fluid.owned)]]
+        return scipy.sparse.kron(mine, scipy.sparse.identity(dim), format="csr")
+
 
 class _SurfaceNodes:
     """Nodes of a surface, few enough that every rank knows all their values: what it computes does
@@ -134,6 +246,12 @@ class _SurfaceNodes:
         numbers, (N, k) (collective).
         """
         return np.concatenate(self._comm.allgather(field[self.owned]))[self._order]
+
+    def in_order(self, rows, dim):
+        """Return the rows of a matrix, dim for each node in the order of the ranks, in that of the
+        natural numbers.
+        """
+        return rows.tocsr()[(dim * self._order[:, None] + np.arange(dim)).ravel()]
 
 
 def _surface(mesh, tags):

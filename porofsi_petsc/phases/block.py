@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from petsc4py import PETSc
 
-from ..fem.essential import Constraints
+from ..fem.essential import Transformation
 from ..linalg.constrained import BlockMatrix, ConstrainedMatrix
 from ..linalg.low_rank import Coupled, LowRankUpdate
 from ..linalg.solver import LinearSolver
@@ -25,7 +25,7 @@ class LinearBlock:
         prefix: str,
         mask: np.ndarray,
         new_solver: Callable[[BlockMatrix], LinearSolver],
-        constraints: Constraints | None = None,
+        constraints: Transformation | None = None,
     ) -> None:
         """Take the setup, the prefix of the options, where an unknown is prescribed, (n_local, m)
         bool, and what makes the KSP of the matrix.

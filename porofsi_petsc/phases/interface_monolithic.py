@@ -5,6 +5,7 @@ iterations over an interface.
 import numpy as np
 
 from ..fem.domain import Domain
+from ..fem.transfer import InterfaceTransfer
 from ..linalg.fieldsplit import monolithic_defaults
 from ..linalg.low_rank import Coupled, padded
 from ..linalg.solver import LinearSolver
@@ -22,9 +23,10 @@ class InterfaceSystem:
     the fluid's mesh.
 
     On the interface v_f = v_s: the columns of v_f go to u with c_v = dv_s/du, the rows of v_f,
-    whose test function is that of the solid there, to the rows of u.  Quasi-direct leaves out the
-    derivative by the mesh and converges linearly; direct has it, the equation of the mesh included,
-    and converges quadratically.
+    whose test function is that of the solid there, to the rows of u.  Where the fluid has nodes of
+    its own, u there is P u_s of the `fem.transfer.InterfaceTransfer` and no unknown: columns go to
+    the solid's by P, rows by Pᵀ.  Quasi-direct leaves out the derivative by the mesh and converges
+    linearly; direct has it, the equation of the mesh included, and converges quadratically.
     """
 
     prefix = "monolithic_"
@@ -34,28 +36,29 @@ class InterfaceSystem:
         solid: ElasticSolid,
         fluid: FreeFluid,
         motion: MeshMotion,
-        interface: np.ndarray,
+        transfer: InterfaceTransfer,
         direct: bool,
     ) -> None:
-        """Take the phases, the mesh motion, the interface (n_local,) bool, and the scheme."""
+        """Take the phases, the mesh motion, what crosses the interface, and the scheme."""
         self._solid = solid
         self._fluid = fluid
         self._motion = motion
-        self._interface = interface
+        self._interface = transfer.fluid_nodes
         self._with_mesh = direct and motion.moves
         self._immersed = solid.setup.immersed
         self.mesh = solid.mesh
         self.stopwatch = solid.stopwatch
         self._domain = Domain(self.mesh)
         self._rows = [_rows_in(self._domain, part.domain) for part in (solid, fluid, motion)]
-        self._mask = self._make_mask(solid.setup, fluid.setup, motion.setup)
+        self._mask = self._make_mask(solid.setup, fluid.setup, motion.setup, transfer.follows)
         self._whole = fluid.setup.on(self._domain)
-        constraints = solid.setup.dirichlet.constraints
+        own = solid.setup.dirichlet.constraints
+        constraints = transfer.eliminated(self._mask[:, : self.mesh.dim], own)
         self.block = LinearBlock(
             self._whole, self.prefix, self._mask, self._new_solver, constraints
         )
         self._linear = solid.is_linear and fluid.is_linear
-        self._rates = None
+        self._rates: Rates | None = None
         self.force_per_rate = float("inf")
 
     def _new_solver(self, matrix):
@@ -65,23 +68,22 @@ class InterfaceSystem:
         defaults = monolithic_defaults(direct=True)
         return LinearSolver(matrix.mat, self.prefix, defaults, null_vectors=null)
 
-    def _make_mask(self, solid_setup, fluid_setup, mesh_setup):
+    def _make_mask(self, solid_setup, fluid_setup, mesh_setup, follows):
         d = self.mesh.dim
         in_solid = self._solid.domain.holds[:, None]
         of_mesh = (
             mesh_setup.mask if self._with_mesh else np.ones((self.mesh.n_local, d), dtype=bool)
         )
         outside = ~self._fluid.domain.holds[:, None]
-        return np.column_stack(
-            [np.where(in_solid, solid_setup.mask, of_mesh), fluid_setup.mask | outside]
-        )
+        held = np.where(in_solid, solid_setup.mask, of_mesh) & ~follows[:, None]
+        return np.column_stack([held, fluid_setup.mask | outside])
 
     def correct(
         self, solid_residual: Residual, fluid_residuals: tuple[Residual, Residual], rates: Rates
     ) -> None:
         """Solve for the increments of both phases and add them to the trial states (collective)."""
         if not (self._linear and self._rates == rates):
-            self._assemble(rates)
+            self.assemble(rates)
         momentum, volume = fluid_residuals
         d = self.mesh.dim
         n = self.mesh.n_owned
@@ -91,7 +93,8 @@ class InterfaceSystem:
         self._fluid.add(increment[:, d:])
 
     @timed("assembly")
-    def _assemble(self, rates):
+    def assemble(self, rates: Rates) -> None:
+        """Make the matrix of the trial state (collective)."""
         values = self._whole.new_tangents(2 * self.mesh.dim + 1)
         self._rates = rates
         self._fill(values, rates)
@@ -134,7 +137,8 @@ class InterfaceSystem:
         fluid[:, :, :d] += tie[..., None, None] * fluid[:, :, d : 2 * d]
         values[of_fluid] = fluid
         if self._with_mesh:
-            inside = ~self._solid.domain.holds[self._motion.domain.cells][..., None, None, None]
+            carried = self._motion.setup.carried
+            inside = ~carried[self._motion.domain.cells][..., None, None, None]
             for chunk, K in self._motion.tangents():
                 values[of_mesh[chunk], :, :d, :, :d] += inside[chunk] * K
 

@@ -89,14 +89,6 @@ def _require_free_choice(scene):
         "with a fluid that the solid closes: told its velocity all around, its pressure has no"
         " level"
     )
-    if scene.interface:
-        advice = (
-            "mesh both sides with common nodes and without [[interface]], or leave a boundary of"
-            " the fluid open"
-        )
-        raise InputError(
-            f"{where} [interface.0]: received sides with nodes of their own {why}; {advice}"
-        )
     for key, value, free in (
         ("scheme", choice.scheme, "partitioned"),
         ("interface", choice.interface, "auto"),

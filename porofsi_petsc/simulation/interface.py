@@ -76,7 +76,8 @@ class InterfaceBuilder(Builder):
         sticking = self.transfer.fluid_nodes
         self._inflows = inflows(scene, mesh, materials, sticking, self._scaled)
         self._velocity = self._dirichlet("velocity", self._fluid_tags)
-        self._held = self._dirichlet("displacement", self._solid_tags).mask
+        held = self._dirichlet("displacement", self._solid_tags).mask
+        self._held = self.transfer.held(held)
         self._sticks = sticking[:, None]
         chosen = self._scheme()
         self.scheme = chosen.scheme
@@ -123,8 +124,7 @@ class InterfaceBuilder(Builder):
         medium = solid, fluid, solid.mesh.comm, choice.tolerance, choice.max_iterations
         both = {"motion": motion, "transfer": transfer}
         if self.scheme in MONOLITHIC:
-            interface = transfer.fluid_nodes
-            system = InterfaceSystem(solid, fluid, motion, interface, self.scheme == "direct")
+            system = InterfaceSystem(solid, fluid, motion, transfer, self.scheme == "direct")
             return InterfaceMonolithic(*medium, system, **both)
         if self.scene.precice:
             side = FluidParticipant if self._fluid_domain.n_nodes else SolidParticipant
@@ -331,7 +331,7 @@ class InterfaceBuilder(Builder):
         mass = self._masses[0]
         power = 1 / (self.mesh.dim - 1)
         if not mass.area:
-            return InterfaceConditions(self._pair, None, choice.robin, self._masses)
+            return InterfaceConditions(self._pair, None, choice.robin, mass, self.transfer)
         volume, modulus, rho_s = self._means(
             self._solid_domain, lambda m: (m.elastic.oedometer_modulus, m.rho_s)
         )
@@ -345,7 +345,7 @@ class InterfaceBuilder(Builder):
             mass.extent**power,
             (mass.extent / facets) ** power,
         )
-        return InterfaceConditions(self._pair, interface, choice.robin, self._masses)
+        return InterfaceConditions(self._pair, interface, choice.robin, mass, self.transfer)
 
     def _means(self, domain, properties):
         """Return the volume of a domain and the means over it of what properties(material) gives
