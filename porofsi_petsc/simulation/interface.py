@@ -58,7 +58,7 @@ class InterfaceBuilder(Builder):
         self._solids = {
             region: m.immersed for region, m in materials.items() if not m.is_free_fluid
         }
-        self._pores = [region for region, m in materials.items() if 0 < m.n_s0 < 1]
+        self._pores = [region for region, m in materials.items() if m.has_pores]
         self._fluids = self._free | {region: materials[region].pore_fluid for region in self._pores}
         self._solid_domain = Domain(mesh, self._solids)
         self._fluid_domain = Domain(mesh, self._fluids)
@@ -353,8 +353,11 @@ class InterfaceBuilder(Builder):
         """
         sums = np.zeros(1)
         for region, span in domain.region_slices.items():
-            values = np.array([1.0, *properties(self.materials[region])])
-            sums = sums + values * domain.reference.dV[span][domain.owned[span]].sum()
+            volumes = (domain.reference.dV[span].sum(axis=1) * domain.owned[span])[:, None]
+            material = self.materials[region].at(domain.cell_numbers[span])
+            sums = sums + np.array(
+                [(value * volumes).sum() for value in (1.0, *properties(material))]
+            )
         sums = self.mesh.comm.allreduce(sums)
         return sums[0], *(sums[1:] / sums[0])
 
