@@ -544,9 +544,16 @@ class Scene(Table):
 
     def _check_pores_beside_fluid(self):
         """Refuse what a porous solid that a free fluid flows through does not have."""
-        if self.coupling.scheme not in ("quasi_direct", "direct"):
-            text = "with a porous material beside a free fluid, expected 'quasi_direct' or 'direct'"
-            raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
+        where = "with a porous material beside a free fluid, expected"
+        if self.coupling.scheme in ("weak", "one_way"):
+            text = f"received '{self.coupling.scheme}' {where} 'partitioned', 'quasi_direct' or"
+            raise wrong(f"{text} 'direct'", "coupling.scheme")
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
+            text = f"received '{self.coupling.interface}' {where} 'dirichlet_neumann'; leave it out"
+            raise wrong(text, "coupling.interface")
+        if self.coupling.mass_scaling is not None:
+            text = f"received {shown(self.coupling.mass_scaling)} {where} none; leave it out"
+            raise wrong(text, "coupling.mass_scaling")
         for i, material in enumerate(self.material):
             if material.biot_coefficient != 1.0 or (
                 material.kind == "porous" and material.fluid.bulk_modulus
