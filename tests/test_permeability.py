@@ -101,9 +101,15 @@ def test_volume_derivatives_are_those_of_drag_and_fluid_fraction(law):
         """Return J times the central difference, whose truncation is of order step² = 1e-12."""
         return J * (function(J + step) - function(J - step)) / (2 * step)
 
-    fraction, drag = body.volume_derivatives(J)
+    fraction, density, drag = body.volume_derivatives(J)
     assert fraction == pytest.approx(slope(body.fluid_fraction), rel=1e-8)
     assert drag.scale == pytest.approx(slope(lambda J: body.drag(J).scale), rel=1e-8)
+    through = body.pore_fluid
+    fraction, of_density, drag = through.volume_derivatives(J)
+    assert not fraction.any() and (through.flow_fraction(J) == 1).all()
+    expected = slope(through.fluid_density) / through.fluid_density(J)
+    assert (of_density, density) == (pytest.approx(expected, rel=1e-8),) * 2
+    assert drag.scale == pytest.approx(slope(lambda J: through.drag(J).scale), rel=1e-8)
 
 
 def test_fractions_and_densities_of_the_limits():
@@ -115,14 +121,16 @@ def test_fractions_and_densities_of_the_limits():
     assert body.rho_s == 500.0
     assert body.fluid_fraction(J) == pytest.approx([0.5, 0.875], rel=ROUND_OFF)
     assert body.fluid_fraction_slope(J) == pytest.approx([0.5, 0.125], rel=ROUND_OFF)
-    assert body.immersed.drag0 == pytest.approx(1e4 / 0.75**2, rel=ROUND_OFF)
-    assert body.pore_fluid.rho_fR == 750.0
+    averaged = body.drag(J).scale / body.fluid_fraction(J) ** 2
+    assert body.immersed.drag(J).scale == pytest.approx(averaged, rel=ROUND_OFF)
+    assert body.pore_fluid.drag(J).scale == pytest.approx(averaged, rel=ROUND_OFF)
+    assert body.pore_fluid.fluid_density(J) == pytest.approx([500.0, 875.0], rel=ROUND_OFF)
     assert body.pore_fluid.drag0 == body.drag0
     constant = material("markert")
     assert constant.viscosity == 0.0
     second = SimpleNamespace(G=np.ones((1, 2, 3, 2)), volume_gradient=np.ones((1, 2, 2)))
-    assert not constant.fluid_fraction_gradient(np.ones((1, 2)), second).any()
-    assert body.fluid_fraction_gradient(np.full((1, 2), 0.5), second) == pytest.approx(
+    assert not constant.flow_fraction_gradient(np.ones((1, 2)), second).any()
+    assert body.flow_fraction_gradient(np.full((1, 2), 0.5), second) == pytest.approx(
         np.full((1, 2, 2), 0.5)
     )
     free = PorousMaterial.free_fluid(1000.0, 1e-3)

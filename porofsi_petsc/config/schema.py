@@ -172,6 +172,11 @@ class Scene(Table):
         return bool(kinds & {"solid", "porous"}), bool(kinds & {"fluid", "porous"})
 
     @property
+    def has_pores(self) -> bool:
+        """Return whether a material is porous, beside a free fluid or not."""
+        return any(material.kind == "porous" for material in self.material)
+
+    @property
     def is_porous(self) -> bool:
         """Return whether there are porous media and no free fluid; beside them there may be solids
         without pores.
@@ -333,10 +338,6 @@ class Scene(Table):
         if arrays and self.mesh.kind != "file":
             text = f"received an array of a mesh file with mesh.kind = '{self.mesh.kind}'"
             raise wrong(f"{text}, expected a formula or a table", f"material.{i}.{arrays[0]}")
-        if key and not self.is_porous and self.phases[1]:
-            raise wrong(
-                "received a formula beside a free fluid, expected a number", f"material.{i}.{key}"
-            )
         if key and self.reference:
             raise wrong(
                 f"received a formula with [reference] '{self.reference.solution}', whose material"
@@ -393,16 +394,11 @@ class Scene(Table):
                         name,
                     )
             return
-        for term in ("solid_inertia", "fluid_inertia", "convection", "viscosity", "moving_mesh"):
-            if getattr(self.model, term) == "auto":
-                raise wrong(
-                    "received 'auto' without porous materials, expected true or false",
-                    f"model.{term}",
-                )
+        self._check_no_auto()
         self._check_viscosity()
         self._check_inflows()
         self._check_moving_mesh()
-        if any(material.kind == "porous" for material in self.material):
+        if self.has_pores:
             self._check_pores_beside_fluid()
         else:
             self._check_no_porosity()
@@ -421,12 +417,15 @@ class Scene(Table):
                 f"expected 'dirichlet_neumann' with scheme = '{self.coupling.scheme}'; leave it out"
             )
             raise wrong(f"received 'condensed', {text}", "coupling.interface")
-        if self.model.porosity != "constant":
-            raise wrong(
-                f"received '{self.model.porosity}' without porous materials; leave it out",
-                "model.porosity",
-            )
         self._check_conditions_of_pores()
+
+    def _check_no_auto(self):
+        """Refuse terms that a run decides on, which only that of a porous medium alone does."""
+        where = "beside a free fluid" if self.has_pores else "without porous materials"
+        for term, value in self.model:
+            if value == "auto":
+                expected = "'constant' or 'variable'" if term == "porosity" else "true or false"
+                raise wrong(f"received 'auto' {where}, expected {expected}", f"model.{term}")
 
     def _check_conditions_of_pores(self):
         """Refuse conditions of porous media in a scene without."""
@@ -539,6 +538,11 @@ class Scene(Table):
                     )
 
     def _check_no_porosity(self):
+        if self.model.porosity != "constant":
+            raise wrong(
+                f"received '{self.model.porosity}' without porous materials; leave it out",
+                "model.porosity",
+            )
         for i, probe in enumerate(self.probe):
             if "n_f" in probe.quantities:
                 raise wrong(
@@ -547,9 +551,16 @@ class Scene(Table):
 
     def _check_pores_beside_fluid(self):
         """Refuse what a porous solid that a free fluid flows through does not have."""
-        if self.coupling.scheme not in ("quasi_direct", "direct"):
-            text = "with a porous material beside a free fluid, expected 'quasi_direct' or 'direct'"
-            raise wrong(f"received '{self.coupling.scheme}' {text}", "coupling.scheme")
+        where = "with a porous material beside a free fluid, expected"
+        if self.coupling.scheme in ("weak", "one_way"):
+            text = f"received '{self.coupling.scheme}' {where} 'partitioned', 'quasi_direct' or"
+            raise wrong(f"{text} 'direct'", "coupling.scheme")
+        if self.coupling.interface not in ("auto", "dirichlet_neumann"):
+            text = f"received '{self.coupling.interface}' {where} 'dirichlet_neumann'; leave it out"
+            raise wrong(text, "coupling.interface")
+        if self.coupling.mass_scaling is not None:
+            text = f"received {shown(self.coupling.mass_scaling)} {where} none; leave it out"
+            raise wrong(text, "coupling.mass_scaling")
         for i, material in enumerate(self.material):
             if material.biot_coefficient != 1.0 or (
                 material.kind == "porous" and material.fluid.bulk_modulus
@@ -559,10 +570,14 @@ class Scene(Table):
                     " incompressible ones; leave biot_coefficient and bulk_modulus out",
                     f"material.{i}",
                 )
-            if material.kind == "porous" and material.permeability.law != "constant":
+            if (
+                material.kind == "porous"
+                and material.permeability.law != "constant"
+                and not self.model.moving_mesh
+            ):
                 text = (
-                    f"received '{material.permeability.law}' beside a free fluid, expected"
-                    " 'constant'"
+                    f"received '{material.permeability.law}' with model.moving_mesh = false, where"
+                    " J = 1 and the law has no effect, expected 'constant', or true"
                 )
                 raise wrong(text, f"material.{i}.permeability.law")
 

@@ -74,7 +74,10 @@ class InterfaceMedium(Medium):
         return super().blocks | {"mesh": self.motion.block}
 
     def mesh_state(self) -> MeshState:
-        """Return the trial state of the mesh."""
+        """Return the trial state of the mesh; raises ConvergenceError where pores that it carries
+        are closed.
+        """
+        self.solid.require_admissible()
         return self.motion.mesh_state()
 
     def accepted_mesh_state(self) -> MeshState:

@@ -43,21 +43,27 @@ class PorousCoupling(PartitionedMedium):
         """
         if self._renew_tangents(iteration, rates):
             self._accelerator.restart()
-        fluid = self.fluid
-        solid = self.solid
         before = self._unknowns
-        velocity = solid.velocity
-        solid.correct(solid_residual.total + fluid.unbalanced(fluid_residuals[0]))
-        mesh_state = solid.mesh_state()
-        fluid.drag_along(mesh_state.velocity - velocity)
-        fluid.follow(mesh_state)
-        fluid.correct(fluid.residual(mesh_state))
+        mesh_state = self._corrected_mesh(solid_residual, fluid_residuals[0])
+        self.fluid.follow(mesh_state)
+        self.fluid.correct(self.fluid.residual(mesh_state))
         if iteration == 0:
             return
         after = self._unknowns
         if self._weights is None:
             self._weights = self._inverse_squares(after - before)
         self._unknowns = self._accelerator.next(before, after)
+
+    def _corrected_mesh(self, residual: Residual, momentum: Residual) -> MeshState:
+        """Correct the skeleton, whose residual is given beside that of the fluid's momentum, and
+        return what carries the fluid then.
+        """
+        solid = self.solid
+        velocity = solid.velocity
+        solid.correct(residual.total + self.fluid.unbalanced(momentum))
+        mesh_state = self.mesh_state()
+        self.fluid.drag_along(mesh_state.velocity - velocity)
+        return mesh_state
 
     @property
     def _unknowns(self) -> np.ndarray:

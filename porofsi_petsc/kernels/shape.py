@@ -30,9 +30,10 @@ from .solid import displacement_gradient
 
 @dataclass(frozen=True)
 class VolumeDerivatives:
-    """How the coefficients follow the volume: J dn_f/dJ (E, Q) and J dS/dJ."""
+    """How the coefficients follow the volume: J dn/dJ and (J dρ/dJ)/ρ, both (E, Q), and J dS/dJ."""
 
     n: np.ndarray
+    density: np.ndarray
     drag: Drag
 
 
@@ -80,19 +81,35 @@ def solid_by_geometry(
     return _assemble(N, geometry, x)
 
 
+def drag_by_geometry(
+    N: np.ndarray, geometry: Geometry, drag: Drag, slope: Drag, w: np.ndarray
+) -> np.ndarray:
+    """Return the derivative of the drag of `solid.coupling_residual` alone by y through the
+    geometry, (E, A, d, A, d) [N/m].
+
+    slope : J dS/dJ; w (E, A, d) = v - v_s [m/s].
+    """
+    d = _directions(geometry)
+    w = _in_space(N @ w, d)
+    x = Densities.zeros(geometry.dV.shape, d, d)
+    x.A[...] = -drag.on(w)
+    x.dA[...] = -_by_volume(slope.on(w))
+    return _assemble(N, geometry, x)
+
+
 def flow_by_geometry(
     el: FlowElements, f: FlowFields, derivatives: VolumeDerivatives | None
 ) -> np.ndarray:
     """Return the derivative of `flow.flow_residual` by y through the geometry, (E, A, d + 1, A, d)
     [N/m and m²/s].
 
-    derivatives : `VolumeDerivatives`, None for a free fluid
+    derivatives : `VolumeDerivatives`, None for a free fluid outside of pores
     """
     d = _directions(el.geometry)
     x = _points_in_space(flow_points(el, f), d)
     densities = Densities.zeros(el.geometry.dV.shape, d + 1, d)
     if el.free:
-        _add_free(densities, el, f, x)
+        _add_free(densities, el, f, x, derivatives)
     else:
         _add_porous(densities, el, f, x, derivatives)
     if el.tau_u is not None:
@@ -178,9 +195,8 @@ def _add_porous(densities, el, f, x, derivatives):
     """
     d = x.w.shape[-1]
     gradients = _Gradients.of(el, f, x)
-    relative = (derivatives.n / el.n)[..., None]
     body = el.rho[..., None] * _in_space(f.b, d)
-    strong = _by_volume(relative * (x.acceleration - body) + derivatives.drag.on(x.w))
+    strong = _inertia_and_drag_by_volume(x, body, derivatives)
     strong += _pressure_by_geometry(el.n, derivatives, x.grad_p) + _convection_by_geometry(el, x)
     densities.A[..., :d] += x.acceleration + el.n[..., None] * x.grad_p + el.drag.on(x.w) - body
     densities.dA[:, :, :d] += strong
@@ -195,23 +211,34 @@ def _add_porous(densities, el, f, x, derivatives):
         _add_lsic(densities, el, div, gradients.d_div_s + n * (gradients.d_div - gradients.d_div_s))
 
 
-def _add_free(densities, el, f, x):
-    """Add the rows of a free fluid: values ρ (a + c·∇v) - ρ b and div v, stresses with -p δ_mj, and
-    stabilization.
+def _inertia_and_drag_by_volume(x, body, derivatives):
+    """Return the derivative of ρ (a + c·∇v - b) + S w by H as far as ρ and S change with tr H,
+    (E, Q, d, d, d).
+    """
+    relative = derivatives.density[..., None]
+    return _by_volume(relative * (x.acceleration - body) + derivatives.drag.on(x.w))
+
+
+def _add_free(densities, el, f, x, derivatives):
+    """Add the rows of a free fluid: values ρ (a + c·∇v) - ρ b, with S w in pores, and div v,
+    stresses with -p δ_mj, and stabilization.
     """
     d = x.grad_p.shape[-1]
     identity = np.eye(d)
-    convection = _convection_by_geometry(el, x)
+    strong = _convection_by_geometry(el, x)
     div = np.trace(x.grad_v, axis1=2, axis2=3)
     d_div = -np.swapaxes(x.grad_v, 2, 3)
-    densities.A[..., :d] += x.acceleration - el.rho[..., None] * _in_space(f.b, d)
-    densities.dA[:, :, :d] += convection
+    body = el.rho[..., None] * _in_space(f.b, d)
+    densities.A[..., :d] += x.acceleration - body
+    if derivatives is not None:
+        densities.A[..., :d] += el.drag.on(x.w)
+        strong = strong + _inertia_and_drag_by_volume(x, body, derivatives)
+    densities.dA[:, :, :d] += strong
     densities.B[:, :, :d] -= (f.p @ el.N.T)[..., None, None] * identity
     densities.A[..., d] += div
     densities.dA[:, :, d] += d_div
-    _add_stresses(
-        densities, el, f, x, None, convection - np.einsum("eql,mi->eqmli", x.grad_p, identity)
-    )
+    strong = strong - np.einsum("eql,mi->eqmli", x.grad_p, identity)
+    _add_stresses(densities, el, f, x, derivatives, strong)
     if el.convection:
         _add_lsic(densities, el, div, d_div)
 
@@ -226,18 +253,20 @@ def _add_stresses(densities, el, f, x, derivatives, strong):
         _add_viscous(densities, el, x, derivatives)
     if el.second is not None:
         strong = strong - _viscous_force_by_geometry(el, f, x, derivatives)
-    if derivatives is not None:  # ρ and n before r, which both change like n
-        strong = strong + _by_volume((derivatives.n / el.n)[..., None] * x.residual)
     pspg = el.tau * el.n
     densities.B[:, :, d] += pspg[..., None] * x.residual
-    densities.dB[:, :, d] += pspg[..., None, None, None] * strong
+    by_n, by_density = strong, strong  # of what is before r
+    if derivatives is not None:
+        by_n = strong + _by_volume((derivatives.n / el.n)[..., None] * x.residual)
+        by_density = strong + _by_volume(derivatives.density[..., None] * x.residual)
+    densities.dB[:, :, d] += pspg[..., None, None, None] * by_n
     if el.convection:
         supg = el.tau_supg * el.rho
         densities.B[:, :, :d] += (
             supg[..., None, None] * x.residual[..., :, None] * x.c[..., None, :]
         )
         densities.dB[:, :, :d] += np.einsum(
-            "eqmli,eqj->eqmjli", supg[..., None, None, None] * strong, x.c
+            "eqmli,eqj->eqmjli", supg[..., None, None, None] * by_density, x.c
         )
 
 

@@ -28,6 +28,8 @@ class PorousMaterial:
     regions, as the moduli of the law may be; `at` is the material of some cells, for points (E, Q)
     biot : α, the part of the pressure that the skeleton bears against; fluid_compliance : 1/K_f
     [1/Pa]
+    averaged : whether the velocity of the fluid is the volume-averaged one, v_s + n_f w, of which
+    the drag is γ_fR/k_f without n_f²
     """
 
     elastic: ElasticLaw | None
@@ -41,15 +43,12 @@ class PorousMaterial:
     anisotropy: Anisotropy | None = None
     biot: float = 1.0
     fluid_compliance: float = 0.0
+    averaged: bool = False
 
     @classmethod
-    def free_fluid(cls, rho: float, viscosity: float, drag0: float = 0.0) -> PorousMaterial:
-        """Return a fluid without a skeleton of its own; rho [kg/m^3], viscosity [Pa s].
-
-        drag0 : γ_fR/k_f [N s/m^4] of a porous solid that it flows through with its volume-averaged
-        velocity, 0 outside of it
-        """
-        return cls(None, 0.0, 0.0, rho, drag0, viscosity=viscosity)
+    def free_fluid(cls, rho: float, viscosity: float) -> PorousMaterial:
+        """Return a fluid without a skeleton; rho [kg/m^3], viscosity [Pa s]."""
+        return cls(None, 0.0, 0.0, rho, 0.0, viscosity=viscosity)
 
     @classmethod
     def dense_solid(cls, elastic: ElasticLaw, rho: float) -> PorousMaterial:
@@ -82,15 +81,17 @@ class PorousMaterial:
 
     @property
     def is_free_fluid(self) -> bool:
-        """Return whether there is no skeleton."""
+        """Return whether the fluid is a free one, which may flow through a skeleton that is not
+        its own.
+        """
         return self.elastic is None
 
     @property
     def immersed(self) -> PorousMaterial:
         """Return the skeleton for a free fluid that flows through it, of which it feels the drag
-        γ_fR/k_f (v - v_s) alone.
+        γ_fR/k_f (v - v_s) alone; itself without pores.
         """
-        return replace(self, drag0=self.drag0 / (1 - self.n_s0) ** 2) if self.n_s0 < 1 else self
+        return replace(self, averaged=True) if self.has_pores else self
 
     @property
     def pore_fluid(self) -> PorousMaterial:
@@ -100,12 +101,7 @@ class PorousMaterial:
         With ρ = n_f ρ_fR the whole has the density of the mixture where the fluid moves with the
         skeleton.
         """
-        n_f = 1 - self.n_s0
-        return replace(
-            self.free_fluid(n_f * self.rho_fR, self.viscosity, self.drag0),
-            permeability=self.permeability,
-            anisotropy=self.anisotropy,
-        )
+        return replace(self, elastic=None, averaged=True)
 
     def fluid_fraction(self, J: np.ndarray) -> np.ndarray:
         """Return n_f, the shape of J."""
@@ -117,29 +113,48 @@ class PorousMaterial:
         """Return J dn_f/dJ = n_s0/J, or 0 with constant porosity, the shape of J."""
         return self.n_s0 / J if self.variable_porosity else np.zeros(J.shape)
 
-    def fluid_fraction_gradient(self, J: np.ndarray, second: Any) -> np.ndarray:
-        """Return ∇n_f = J dn_f/dJ ∇ ln J, (E, Q, d) [1/m], at J (E, Q) and
+    def fluid_density(self, J: np.ndarray) -> np.ndarray:
+        """Return ρ_f = n_f ρ_fR [kg/m^3], the shape of J."""
+        return self.fluid_fraction(J) * self.rho_fR
+
+    def flow_fraction(self, J: np.ndarray) -> np.ndarray:
+        """Return the n of the fluid's balances, the shape of J: n_f, or 1 of a free fluid, whose
+        velocity in pores is that of the whole volume.
+        """
+        return np.ones(J.shape) if self.is_free_fluid else self.fluid_fraction(J)
+
+    @property
+    def flow_fraction_varies(self) -> bool:
+        """Return whether `flow_fraction` depends on J."""
+        return self.variable_porosity and not self.is_free_fluid
+
+    def flow_fraction_gradient(self, J: np.ndarray, second: Any) -> np.ndarray:
+        """Return ∇n = J dn/dJ ∇ ln J, (E, Q, d) [1/m], at J (E, Q) and
         `fem.geometry.SecondDerivatives`.
         """
-        if not self.variable_porosity:
+        if not self.flow_fraction_varies:
             return np.broadcast_to(0.0, (*J.shape, second.G.shape[-1]))
         return self.fluid_fraction_slope(J)[..., None] * second.volume_gradient
 
     def drag(self, J: np.ndarray) -> Drag:
-        """Return S = n_f² γ_fR/k_f(J) D [N s/m^4] at points J; D is δ_ij or that of the principal
-        axes.
+        """Return S = n_f² γ_fR/k_f(J) D [N s/m^4] at points J, without n_f² of an averaged
+        velocity; D is δ_ij or that of the principal axes.
         """
         return Drag(self._drag_scale(J), self.anisotropy)
 
     def _drag_scale(self, J):
-        return self.fluid_fraction(J) ** 2 * self.drag0 / self.permeability.factor(J, self.n_s0)
+        resistance = self.drag0 / self.permeability.factor(J, self.n_s0)
+        return resistance if self.averaged else self.fluid_fraction(J) ** 2 * resistance
 
-    def volume_derivatives(self, J: np.ndarray) -> tuple[np.ndarray, Drag]:
-        """Return J dn_f/dJ, the shape of J, and J dS/dJ, by a complex step exact to round-off
-        (Squire & Trapp 1998).
+    def volume_derivatives(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray, Drag]:
+        """Return J dn/dJ of `flow_fraction`, (J dρ_f/dJ)/ρ_f, both the shape of J, and J dS/dJ, by
+        a complex step exact to round-off (Squire & Trapp 1998).
         """
-        slope = np.imag(self._drag_scale(J * (1 + 1e-30j))) / 1e-30
-        return self.fluid_fraction_slope(J), Drag(slope, self.anisotropy)
+        slope = self.fluid_fraction_slope(J)
+        drag = np.imag(self._drag_scale(J * (1 + 1e-30j))) / 1e-30
+        relative = slope / self.fluid_fraction(J)
+        of_flow = np.zeros(J.shape) if self.is_free_fluid else slope
+        return of_flow, relative, Drag(drag, self.anisotropy)
 
     @property
     def is_compressible(self) -> bool:

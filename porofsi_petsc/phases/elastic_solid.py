@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..kernels import exchange
+from ..kernels import exchange, shape
 from .coupling_data import Flow
 from .setup import ElasticSolidSetup
 from .solid import SolidPhase
@@ -32,6 +32,12 @@ class ElasticSolid(SolidPhase):
         if self.setup.immersed:
             return {"drag": self._coupling_terms(flow)["drag"]} | force
         return force
+
+    def require_admissible(self) -> None:
+        """Raise ConvergenceError where an element of an immersed solid in the trial state is
+        inverted or its pores are closed (collective).
+        """
+        _ = self.configuration  # kept with the state
 
     def take_velocity(self, gap: np.ndarray) -> None:
         """Move the nodes that are told their velocity so that a gap v_s - v on the collocation
@@ -61,3 +67,20 @@ class ElasticSolid(SolidPhase):
             drag = self.setup.material(region, chunk).drag(configuration.J[chunk])
             geometry = configuration.geometry.part(chunk)
             yield chunk, exchange.solid_by_drag(self.domain.mass.N, geometry, drag)
+
+    def shape_tangents(self, flow: Flow) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yield (chunk, derivative (E, A, d, A, d) of the drag on an immersed solid by the moving
+        mesh's geometry) of the trial state.
+        """
+        domain = self.domain
+        configuration = self.configuration
+        relative = flow.velocity - self.velocity
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material = self.setup.material(region, chunk)
+            if material.has_pores:
+                J = configuration.J[chunk]
+                _, _, slope = material.volume_derivatives(J)
+                geometry = configuration.geometry.part(chunk)
+                w = domain.gather(relative, chunk)
+                K = shape.drag_by_geometry(domain.mass.N, geometry, material.drag(J), slope, w)
+                yield chunk, K

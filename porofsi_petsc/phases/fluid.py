@@ -259,18 +259,17 @@ class FluidPhase:
         material = self.setup.material(region, chunk)
         setup = self.setup
         J = configuration.J[chunk]
-        n = material.fluid_fraction(J)
         stabilization = self._parameters
         second = None
         grad_n = None
         if material.viscosity and configuration.second is not None:
             second = configuration.second.part(chunk)
-            grad_n = material.fluid_fraction_gradient(J, second)
+            grad_n = material.flow_fraction_gradient(J, second)
         return kernel.FlowElements(
             N=self.domain.mass.N,
             geometry=configuration.geometry.part(chunk),
-            n=n,
-            rho=n * material.rho_fR,
+            n=material.flow_fraction(J),
+            rho=material.fluid_density(J),
             drag=material.drag(J) if material.resists else None,
             mu=material.viscosity,
             tau=setup.pspg * stabilization.tau[chunk],
@@ -503,7 +502,7 @@ class FluidPhase:
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = self.setup.material(region, chunk)
             J = mesh_state.configuration.J[chunk]
-            rho = material.fluid_fraction(J) * material.rho_fR
+            rho = material.fluid_density(J)
             speed2 = ((domain.mass.N @ domain.gather(self.v, chunk)) ** 2).sum(axis=-1)
             kinetic[chunk] = 0.5 * (rho * speed2 * mesh_state.configuration.geometry.dV[chunk]).sum(
                 axis=1

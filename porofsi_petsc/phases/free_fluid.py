@@ -263,11 +263,21 @@ class FreeFluid(FluidPhase):
         for region, chunk in self.domain.chunks(self._doubles_per_cell):
             elements = self._elements(region, chunk, mesh_state.configuration)
             part = fields.on(chunk)
+            derivatives = self._volume_derivatives(region, chunk, mesh_state.configuration)
             yield (
                 chunk,
-                shape.flow_by_geometry(elements, part, None)
+                shape.flow_by_geometry(elements, part, derivatives)
                 + exchange.flow_by_mesh_velocity(elements, part, rates.c_v),
             )
+
+    def _volume_derivatives(self, region, chunk, configuration):
+        """Return how density and drag of the elements of a region follow the volume, None outside
+        of pores.
+        """
+        material = self.setup.material(region, chunk)
+        if not material.resists:
+            return None
+        return shape.VolumeDerivatives(*material.volume_derivatives(configuration.J[chunk]))
 
     # -- end of a step -----------------------------------------------------------------------------
 

@@ -131,6 +131,9 @@ class InterfaceSystem:
         if self._with_mesh:
             for chunk, K in self._fluid.mesh_tangents(rates, mesh_state):
                 values[of_fluid[chunk], :, d:, :, :d] += K
+        if self._with_mesh and self._immersed:
+            for chunk, K in self._solid.shape_tangents(self._fluid.flow()):
+                values[of_solid[chunk], :, :d, :, :d] += K
         tie = self._interface[self._fluid.domain.cells][..., None]
         fluid = values[of_fluid]
         fluid[..., :d] += rates.c_v * tie[:, None, None] * fluid[..., d : 2 * d]

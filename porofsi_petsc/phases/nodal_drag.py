@@ -49,7 +49,7 @@ def dragged_part(
     """
 
     def density(material, J):
-        return material.fluid_fraction(J) * material.rho_fR
+        return material.fluid_density(J)
 
     def fraction(material, J, span):
         return rates.dragged_fraction(material.drag(J), density(material, J))

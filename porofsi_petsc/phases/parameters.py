@@ -67,16 +67,16 @@ class StabilizationParameters:
         setup = self._setup
         N = self._setup.domain.mass.N
         h = self._setup.domain.h[chunk]
-        n = material.fluid_fraction(J)
-        rho = n * material.rho_fR
+        rho = material.fluid_density(J)
         transient = 2 * rho / dt if setup.inertia else 0.0
-        viscous = stabilization.viscous_scale(n * material.viscosity, h, material.variable_porosity)
+        viscosity = material.flow_fraction(J) * material.viscosity
+        viscous = stabilization.viscous_scale(viscosity, h, material.flow_fraction_varies)
         convective = stabilization.convective_scale(N, G, rho, c) if setup.convection else 0.0
         self.tau[chunk] = stabilization.momentum_tau(
             transient, material.drag(J).largest, viscous, convective
         )
         if (
-            setup.convection and setup.lsic and not material.variable_porosity
+            setup.convection and setup.lsic and not material.flow_fraction_varies
         ):  # LSIC knows no w·∇n_f
             self.nu_lsic[chunk] = stabilization.lsic_viscosity(N, rho, c, h)
 

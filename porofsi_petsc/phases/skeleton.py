@@ -71,7 +71,7 @@ class Skeleton(SolidPhase):
             return self._scaled_mass(material, inertia, J, drag, dV, rates)
         if not (rates.c_a or rates.c_f):
             return None
-        rho_f = material.fluid_fraction(J) * material.rho_fR
+        rho_f = material.fluid_density(J)
         dragged = rates.dragged_inertia(rates.dragged_fraction(drag, rho_f), rho_f)
         return plus_identity(weighted(dV, dragged), inertia)
 

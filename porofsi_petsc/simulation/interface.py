@@ -13,6 +13,8 @@ from ..coupling.condensed import CondensedCoupling
 from ..coupling.interface import GUARD, InterfaceCoupling, InterfaceMedium, InterfaceMonolithic
 from ..coupling.participant import FluidParticipant, SolidParticipant
 from ..coupling.robin import InterfaceConditions, InterfaceMeans
+from ..coupling.through_flow import GUARD as GUARD_THROUGH
+from ..coupling.through_flow import ThroughFlowCoupling
 from ..errors import InputError
 from ..fem.boundary import InterfaceMass, InterfacePressure, has_facets, tags_of
 from ..fem.closed import closed_nodes
@@ -58,7 +60,7 @@ class InterfaceBuilder(Builder):
         self._solids = {
             region: m.immersed for region, m in materials.items() if not m.is_free_fluid
         }
-        self._pores = [region for region, m in materials.items() if 0 < m.n_s0 < 1]
+        self._pores = [region for region, m in materials.items() if m.has_pores]
         self._fluids = self._free | {region: materials[region].pore_fluid for region in self._pores}
         self._solid_domain = Domain(mesh, self._solids)
         self._fluid_domain = Domain(mesh, self._fluids)
@@ -111,6 +113,15 @@ class InterfaceBuilder(Builder):
         coupling.notices = self.notices
         return coupling
 
+    def _through_flow(self, medium, both):
+        """Return the sweeps over porous solids and the fluid that flows through them."""
+        choice = self.scene.coupling
+
+        def accelerator(dot, name=choice.accelerator):
+            return self.accelerator(dot, name, choice.relaxation, GUARD_THROUGH)
+
+        return ThroughFlowCoupling(*medium, accelerator, self.scene.full_newton, **both)
+
     def _coupling(self, solid, fluid, motion):
         """Return the coupling scheme of the phases (collective)."""
         choice = self.scene.coupling
@@ -136,6 +147,8 @@ class InterfaceBuilder(Builder):
                 conditions=conditions,
                 **both,
             )
+        if self._pores:
+            return self._through_flow(medium, both)
         if self._pair == "condensed":
             answer = CondensedSolid(solid, fluid)
             return CondensedCoupling(*medium, self.scene.full_newton, answer=answer, **both)
@@ -174,7 +187,8 @@ class InterfaceBuilder(Builder):
             raise InputError(f"{where}: received 'condensed' {missing}; take 'dirichlet_neumann'")
         if choice.interface == "auto" and self._can_condense(choice):
             return InterfaceScheme(choice.scheme, "condensed")
-        return interface_scheme(self.scene, self._closed_by_solid(), is_direct(self.mesh))
+        direct = is_direct(self.mesh) or bool(self._pores)  # Robin conditions know no pores
+        return interface_scheme(self.scene, self._closed_by_solid(), direct)
 
     def _scheme_of_participant(self):
         if self._closed_by_solid():
@@ -353,8 +367,11 @@ class InterfaceBuilder(Builder):
         """
         sums = np.zeros(1)
         for region, span in domain.region_slices.items():
-            values = np.array([1.0, *properties(self.materials[region])])
-            sums = sums + values * domain.reference.dV[span][domain.owned[span]].sum()
+            volumes = (domain.reference.dV[span].sum(axis=1) * domain.owned[span])[:, None]
+            material = self.materials[region].at(domain.cell_numbers[span])
+            sums = sums + np.array(
+                [(value * volumes).sum() for value in (1.0, *properties(material))]
+            )
         sums = self.mesh.comm.allreduce(sums)
         return sums[0], *(sums[1:] / sums[0])
 

@@ -409,7 +409,7 @@ class Measures:
         for region, span in domain.region_slices.items():
             material = self._at(self._fluid, region, span)
             n = material.fluid_fraction(J[span])
-            rho = n * material.rho_fR
+            rho = material.fluid_density(J[span])
             viscous = 4 * n * material.viscosity / domain.h[span, None] ** 2
             resistance = (
                 material.drag(J[span]).smallest
@@ -520,19 +520,27 @@ def _omissions(scene, materials):
         if not getattr(model, term) and present and scene.time.scheme != "steady":
             meaning = f"inertia of the {phase} over the largest force on it, where it lasts"
             yield left_out(term, term, f"set model.{term} = true", meaning, lasts=True)
-    if scene.is_porous:
+    if scene.has_pores:
         yield from _porous_omissions(scene, left_out)
 
 
+def _pulls_fluid(scene):
+    """Return whether a body force acts on a fluid."""
+    return any(force.fluid != type(force.fluid)() for force in scene.body_forces)
+
+
 def _porous_omissions(scene, left_out):
-    """Yield what only a porous medium can leave out."""
+    """Yield what only a porous medium can leave out; beside a free fluid n_f is felt in the density
+    of its fluid alone.
+    """
     model = scene.model
-    if model.porosity == "constant" or not model.moving_mesh:
+    weighs = model.fluid_inertia or model.convection or _pulls_fluid(scene)
+    if (scene.is_porous or weighs) and (model.porosity == "constant" or not model.moving_mesh):
         remedy = 'set model.porosity = "variable" and model.moving_mesh = true'
         meaning = "largest change of n_f that n_s = n_s0/J would give, over n_f"
         yield left_out("porosity_change", "porosity", remedy, meaning)
     if not model.viscosity and any(
-        entry.fluid and entry.fluid.viscosity for entry in scene.material
+        entry.kind == "porous" and entry.fluid.viscosity for entry in scene.material
     ):
         meaning = "viscous (Brinkman) over drag force at element scale"
         yield left_out("viscosity", "viscosity", "set model.viscosity = true", meaning)
