@@ -236,7 +236,7 @@ def test_a_scene_with_an_excavation_loads_again():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"inactive": ["roof"]}, r"\[stage.inactive\]: the mesh has no region 'roof'"),
+        ({"inactive": ["roof"]}, r"\[stage.0.inactive\]: the mesh has no region 'roof'"),
         ({"inactive": ["body", "upper"]}, r"received all regions"),
         ({"inactive": ["body"]}, r"(?i)rigid"),
         (

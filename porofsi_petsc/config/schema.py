@@ -50,7 +50,7 @@ from .sections import (
     Surface,
     Time,
 )
-from .stages import Stage, following
+from .stages import Stage, absent_at_start, following
 from .types import ListOf, Table, Text, closest, wrong
 
 
@@ -103,6 +103,9 @@ class Scene(Table):
 
     _source_path: Path | None = PrivateAttr(None)
     _inactive: tuple[str, ...] = PrivateAttr(())
+    _placed: tuple[str, ...] = PrivateAttr(())
+    _changing: tuple[str, ...] = PrivateAttr(())
+    _absent_kinds: tuple[tuple[str, str], ...] = PrivateAttr(())
 
     @property
     def dim(self) -> int:
@@ -207,8 +210,36 @@ class Scene(Table):
 
     @property
     def inactive(self) -> tuple[str, ...]:
-        """Return the regions that are taken away in this stage or have been before it."""
-        return self._inactive
+        """Return the regions that are not there: taken away in this stage or before it, or placed
+        in a later one.
+        """
+        changes = [(stage.inactive, stage.active) for stage in self.stage]
+        return (*self._inactive, *absent_at_start(changes))
+
+    @property
+    def kinds_there(self) -> set[str]:
+        """Return the kinds of the materials that are there."""
+        there = (m for m in self.material if not set(m.region) <= set(self.inactive))
+        return {material.kind for material in there}
+
+    @property
+    def absent_kinds(self) -> tuple[tuple[str, str], ...]:
+        """Return the regions that are not there with the kinds of their materials, of the scene of
+        what is.
+        """
+        return self._absent_kinds
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Return the regions that have been placed in this stage or before it."""
+        return self._placed
+
+    @property
+    def changing(self) -> tuple[str, ...]:
+        """Return the regions that are not there in some stage of the run."""
+        stages = self.stage
+        named = (name for stage in stages for name in (*stage.inactive, *stage.active))
+        return tuple(dict.fromkeys((*self._changing, *named)))
 
     @property
     def end(self) -> float:
@@ -302,7 +333,11 @@ class Scene(Table):
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise wrong(f"received '{name}' twice, expected another name", f"stage.{i}.name")
-        _ = self.stages
+        for i, scene in enumerate(self.stages):
+            if scene.is_porous and scene.inactive and "porous" not in scene.kinds_there:
+                text = "received all porous media as regions that are not there"
+                key = f"stage.{i - 1}.inactive" if i else "stage"
+                raise wrong(f"{text}, expected some in every stage; keep one", key)
 
     def _check_initial_stress(self):
         """Refuse an initial stress without a solid, out of the plane, or under a law that has to

@@ -1,5 +1,6 @@
 """[[stage]]: what changes in the stages of a run, and the complete scene of each of them."""
 
+from collections.abc import Collection, Iterable
 from typing import Annotated, Any, TypeVar
 
 from pydantic import ValidationError
@@ -14,6 +15,7 @@ from .types import ListOf, Name, Table, wrong
 
 S = TypeVar("S", bound=Any)  # a Scene
 SETTINGS = ("time", "model", "coupling")  # tables of which a stage gives the keys that change
+CHANGES = ("inactive", "active")  # of what is there
 REPLACED = ("body_force", "load", "tie")  # sections that a stage gives as a whole
 
 
@@ -21,8 +23,8 @@ class Stage(Table):
     """What changes when the stage before is at its end; what is absent stays as it is there.
 
     time : its end on the clock of the run, and its own steps; boundary : all that holds on the tags
-    named, material : of the regions named; inactive : regions that are taken away;
-    reset_displacement : report it from the start of the stage on
+    named, material : of the regions named; inactive : regions that are taken away; active : regions
+    that are placed; reset_displacement : report it from the start of the stage on
     """
 
     name: Name
@@ -35,7 +37,23 @@ class Stage(Table):
     model: dict[str, Any] | None = None
     coupling: dict[str, Any] | None = None
     inactive: Annotated[tuple[Name, ...], ListOf()] = ()
+    active: Annotated[tuple[Name, ...], ListOf()] = ()
     reset_displacement: bool = False
+
+
+def absent_at_start(
+    changes: Iterable[tuple[Collection[str], Collection[str]]],
+) -> tuple[str, ...]:
+    """Return the regions that a stage places before one takes them away.
+
+    changes : the regions that are taken away and those that are placed, of the stages in turn
+    """
+    present: set[str] = set()
+    absent: list[str] = []
+    for inactive, active in changes:
+        absent += [name for name in active if name not in {*present, *absent}]
+        present |= {*inactive}
+    return tuple(absent)
 
 
 def following(before: S, stage: Stage, number: int) -> S:
@@ -62,7 +80,10 @@ def following(before: S, stage: Stage, number: int) -> S:
         raise _in_stage(error, kept, place) from None
     _require_continued(before, scene, place)
     scene.time._begins = before.time.end
-    scene._inactive = (*before.inactive, *stage.inactive)
+    left = (name for name in before.inactive if name not in stage.active)
+    scene._inactive = (*left, *stage.inactive)
+    scene._placed = (*before.placed, *stage.active)
+    scene._changing = before.changing
     scene._source_path = before.source_path
     return scene
 
@@ -91,6 +112,7 @@ def _require_comparable(before, stage, place):
             text = "expected that of the first stage, with whose state it goes on; leave it out"
             raise wrong(f"received {shown(stage.time[key])}, {text}", f"{place}.time.{key}")
     _require_solids(before, stage, place)
+    _require_changes(before, stage, place)
     if "end" not in stage.time:
         raise wrong("received nothing, expected the end of the stage [s]", f"{place}.time.end")
     for i, boundary in enumerate(stage.boundary):
@@ -108,13 +130,26 @@ def _require_solids(before, stage, place):
         text = "received true without a solid, which alone has displacements; leave it out"
         raise wrong(text, f"{place}.reset_displacement")
     kinds = {material.kind for material in before.material}
-    if stage.inactive and kinds not in ({"porous"}, {"solid"}):
-        text = "expected a scene of porous media or one of solids; leave it out"
-        raise wrong(f"received {shown(list(stage.inactive))}, {text}", f"{place}.inactive")
+    for key in CHANGES:
+        names = getattr(stage, key)
+        if names and "fluid" in kinds:
+            text = "expected a scene without a free fluid; leave it out"
+            raise wrong(f"received {shown(list(names))}, {text}", f"{place}.{key}")
+
+
+def _require_changes(before, stage, place):
+    """Refuse to take away what is not there, to place what is, and both or one of them twice."""
     for i, name in enumerate(stage.inactive):
         if name in (*before.inactive, *stage.inactive[:i]):
             text = "which is taken away already, expected other regions; leave it out"
             raise wrong(f"received '{name}', {text}", f"{place}.inactive")
+    for i, name in enumerate(stage.active):
+        if name not in before.inactive or name in (*stage.inactive, *stage.active[:i]):
+            text = "which is there already, expected regions that are not; leave it out"
+            raise wrong(f"received '{name}', {text}", f"{place}.active")
+    if stage.active and before.tie:
+        text = "received regions to place beside [[tie]], whose sides know one position at rest"
+        raise wrong(f"{text}; let the mesh of both sides share its nodes", f"{place}.active")
 
 
 def _require_known_material(before, material, key):

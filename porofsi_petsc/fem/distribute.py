@@ -45,7 +45,10 @@ class LocalMesh:
     cell_natural : (E,) ascending number in the serial mesh.  cell_region : (E,) index into regions.
     facets : tag -> Facets, the same tags on every rank; inner : region -> those that other regions
     have toward it, as in the serial mesh.  notes : of the serial mesh.  values : name
-    -> (E,) numbers of cells that a mesh file gives.
+    -> (E,) numbers of cells that a mesh file gives.  placed : (E, A, d) displacement [m] at which
+    the nodes of a cell were when it was placed, zero of cells from the start, None where nothing is
+    placed in the run; finite : whether a placed cell has the shape that it had then, else that of
+    the mesh, from which infinitesimal displacements do not lead away.
     """
 
     comm: MPI.Intracomm
@@ -69,6 +72,8 @@ class LocalMesh:
     notes: tuple
     values: dict
     inner: dict = field(default_factory=dict)
+    placed: np.ndarray | None = None
+    finite: bool = False
 
     @property
     def dim(self) -> int:

@@ -36,7 +36,9 @@ class Domain:
     skeleton would answer a pressure six times as much as λ allows. nodes (n_active,) : the owned
     nodes that its elements touch; holds (n_local,) bool : the same with ghosts; first, numbering
     (n_local,) : PETSc's numbers of these nodes, -1 elsewhere; n_nodes : on all ranks Nodal fields
-    have rows for all nodes of the mesh; matrices have those of `nodes` only.
+    have rows for all nodes of the mesh; matrices have those of `nodes` only. The reference
+    configuration of an element is that of the mesh, or the one in which it was placed, as far as
+    displacements are finite.
     """
 
     def __init__(self, mesh: LocalMesh, regions: Collection[str] | None = None) -> None:
@@ -57,6 +59,8 @@ class Domain:
         self.row_of_cell = np.full(len(mesh.cells), -1)  # number in the mesh -> row here
         self.row_of_cell[permutation] = np.arange(len(permutation))
         self.owned = mesh.cell_owned[permutation]
+        self._placed = None if mesh.placed is None else mesh.placed[permutation]
+        self._moved = self._placed if mesh.finite else None
         region = mesh.cell_region[permutation]
         spans = [slice(*np.searchsorted(region, (number, number + 1))) for number in numbers]
         self.region_slices = dict(zip(self.regions, spans, strict=True))
@@ -72,8 +76,11 @@ class Domain:
     def _is_straight(self):
         """Return whether the gradients have a lower degree than the shape functions: on simplices
         with the mid-edge nodes of all ranks' elements in the middle of their edges, but not around
-        an axis, where N/r is one of them (collective).
+        an axis, where N/r is one of them, nor where elements are placed, whatever their shape is
+        then (collective).
         """
+        if self._moved is not None:
+            return False
         if self.element.gradient_degree == self.element.order or self.element.axisymmetric:
             return False
         return self.element.is_affine or not self._has_curved_edge()
@@ -117,6 +124,18 @@ class Domain:
         """Return the nodal values of some elements, (E, A, ...), of a field (n_local, ...)."""
         return np.take(field, self.cells[rows], axis=0)
 
+    def coordinates(self, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """Return the nodes of some elements in their reference configuration, (E, A, d) [m]."""
+        X = self.gather(self.mesh.X, rows)
+        return X if self._moved is None else X + self._moved[rows]
+
+    def displacement(self, u: np.ndarray, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+        """Return the displacement of the nodes of some elements from where they are at rest, (E, A,
+        d) [m], for the displacement u (n_local, d) of the nodes of the mesh.
+        """
+        moved = self.gather(u, rows)
+        return moved if self._placed is None else moved - self._placed[rows]
+
     def scatter_add(self, element_vectors: np.ndarray) -> np.ndarray:
         """Return the sum of element vectors (E, A, k) or (E, A) over the owned nodes, (n_owned,
         k).
@@ -149,7 +168,7 @@ class Domain:
     @cached_property
     def reference(self) -> Geometry:
         """Return the mass-rule geometry of the reference configuration."""
-        return geometry(self.mass, self.mesh.X[self.cells])
+        return geometry(self.mass, self.coordinates())
 
     @cached_property
     def reference_stiffness(self) -> Geometry:
@@ -162,14 +181,14 @@ class Domain:
         return (
             self.reference
             if self.stiffness is self.mass
-            else geometry(self.stiffness, self.mesh.X[self.cells])
+            else geometry(self.stiffness, self.coordinates())
         )
 
     @cached_property
     def reference_slope(self) -> np.ndarray:
         """Return the `SecondDerivatives.volume_slope` of the reference configuration, (E, Q, d)."""
         return SecondDerivatives.at(
-            self.mass, self.mesh.X[self.cells], self.reference, None
+            self.mass, self.coordinates(), self.reference, None
         ).volume_slope
 
     @cached_property
@@ -271,7 +290,7 @@ class Configuration:
         """Return the reference configuration, which shares the geometry of the domain."""
         second = None
         if with_hessian and not domain.element.has_constant_gradients:
-            coordinates = domain.gather(domain.mesh.X)
+            coordinates = domain.coordinates()
             second = SecondDerivatives.at(
                 domain.mass, coordinates, domain.reference, domain.reference_slope
             )

@@ -1,6 +1,6 @@
 """The stress that a solid has at the start without strain, by formulas of position."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -16,11 +16,20 @@ class InitialStress:
     """σ_0 at points of the elements of a solid, see `materials.prestressed`."""
 
     def __init__(
-        self, domain: Domain, given: Mapping[Component, Callable[[float, np.ndarray], np.ndarray]]
+        self,
+        domain: Domain,
+        given: Mapping[Component, Callable[[float, np.ndarray], np.ndarray]],
+        without: Collection[str] = (),
     ) -> None:
-        """Take formulas of (t, x) by component, those of the upper triangle; others are zero."""
+        """Take formulas of (t, x) by component, those of the upper triangle; others are zero.
+
+        without : regions that have none
+        """
         self._domain = domain
         self._given = given
+        self._has = np.ones((domain.n_cells, 1))
+        for region in set(without) & set(domain.regions):
+            self._has[domain.region_slices[region]] = 0.0
 
     def law(self, law: Any, rows: slice | np.ndarray, N: np.ndarray | None = None) -> Prestressed:
         """Return the law of some elements with it at the points of the stress, or at others with
@@ -41,5 +50,5 @@ class InitialStress:
         found = np.zeros((*X.shape[:2], 3, 3))
         for (i, j), formula in self._given.items():
             values = formula(0.0, X.reshape(-1, X.shape[-1])).reshape(X.shape[:2])
-            found[..., i, j] = found[..., j, i] = values
+            found[..., i, j] = found[..., j, i] = values * self._has[rows]
         return found

@@ -93,7 +93,7 @@ class InternalVariables:
             law = self._placed(self._laws[region].at(domain.cell_numbers[chunk]), chunk)
             if law.memory:
                 part = domain.reference_stiffness.part(chunk)
-                H = displacement_gradient(part.G, domain.gather(u, chunk), part.hoop)
+                H = displacement_gradient(part.G, domain.displacement(u, chunk), part.hoop)
                 values = self._values[chunk, :, : law.memory]
                 values[...] = law.updated(values, duration, H)
 

@@ -93,7 +93,7 @@ class MeshMotion:
         is prescribed is at rest.
         """
         if self.moves:
-            self.u = self._extended(displacement, self.u, 0.0)
+            self.u = self.extended(displacement, self.u, 0.0)
             self.v = self._extended_rate(velocity)
         self.reset()
 
@@ -106,7 +106,7 @@ class MeshMotion:
     def follow(self, displacement: np.ndarray) -> None:
         """Take the solid's displacement at the end of the step, (n_local, d), and extend it."""
         if self.moves:
-            self._u1 = self._extended(displacement, self._u1, self._t_end)
+            self._u1 = self.extended(displacement, self._u1, self._t_end)
             self._v1, self._a1 = self.scheme.rates(self._u1, self.u, self.v, self.a)
             self._configuration = None
 
@@ -147,7 +147,7 @@ class MeshMotion:
     # -- extension ---------------------------------------------------------------------------------
 
     @timed("mesh")
-    def _extended(self, solid, start, t):
+    def extended(self, solid: np.ndarray, start: np.ndarray, t: float) -> np.ndarray:
         """Return the displacement with that of the solid (n_local, d) on its nodes and what is
         prescribed at time t elsewhere.
 
@@ -190,7 +190,7 @@ class MeshMotion:
             if setup.law.small_strain:
                 return u
             self._require_orientation(u)
-            size = self._relative(increment, u)
+            size = self.relative(increment, u)
             if size <= TOLERANCE:
                 return u
             self._stale = size > SLOW * last
@@ -241,7 +241,7 @@ class MeshMotion:
             )
         return ConvergenceError(what, f"if a smaller step stops at the same time, {keys}")
 
-    def _relative(self, increment, u):
+    def relative(self, increment: np.ndarray, u: np.ndarray) -> float:
         """Return |increment|/|u|, 0 at rest; both (n_owned, d) or longer (collective)."""
         owned = u[: len(increment)]
         squares = self.mesh.comm.allreduce(

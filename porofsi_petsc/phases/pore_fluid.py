@@ -298,7 +298,7 @@ class PoreFluid(FluidPhase):
         )
         reference = self.domain.reference.part(chunk)
         H = displacement_gradient(
-            reference.G, self.domain.gather(mesh_state.displacement, chunk), reference.hoop
+            reference.G, self.domain.displacement(mesh_state.displacement, chunk), reference.hoop
         )
         compliance = volumetric_compliance(material.elastic, H)
         kernel.add_skeleton_answer(values, elements, alpha2_cv * compliance, alpha2_cv / inertia)

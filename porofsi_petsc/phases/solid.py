@@ -329,7 +329,7 @@ class SolidPhase:
             for region, chunk in domain.chunks(self._doubles_per_cell):
                 material = setup.material(region, chunk)
                 stiffness = domain.reference_stiffness.part(chunk)
-                nodal = domain.gather(u, chunk)
+                nodal = domain.displacement(u, chunk)
                 law = self._collocated_law(material.elastic, chunk)
                 stress = kernel.stress_residual(
                     stiffness.G, stiffness.dV, law, nodal, stiffness.hoop
@@ -418,7 +418,7 @@ class SolidPhase:
             if law.plastic or not law.small_strain:
                 stiffness = domain.reference_stiffness.part(chunk)
                 H = kernel.displacement_gradient(
-                    stiffness.G, self._u1[domain.cells[chunk]], stiffness.hoop
+                    stiffness.G, domain.displacement(self._u1, chunk), stiffness.hoop
                 )
                 if law.plastic:
                     bounded[chunk, 0] = np.abs(H).max(axis=(1, 2, 3), initial=0.0) < ASTRAY
@@ -536,7 +536,8 @@ class SolidPhase:
             material = self.setup.material(region, chunk)
             stiffness = domain.reference_stiffness.part(chunk)
             fields = [
-                None if field is None else domain.gather(field, chunk) for field in (u, before)
+                None if field is None else domain.displacement(field, chunk)
+                for field in (u, before)
             ]
             law = self._collocated_law(material.elastic, chunk)
             K = kernel.stress_tangent(stiffness.G, stiffness.dV, law, *fields, stiffness.hoop)
@@ -641,7 +642,7 @@ class SolidPhase:
         for region, chunk in domain.chunks(self._doubles_per_cell):
             material = self.setup.material(region, chunk)
             stiffness = domain.reference_stiffness.part(chunk)
-            nodal = domain.gather(self.u, chunk)
+            nodal = domain.displacement(self.u, chunk)
             law = self._laws[region].at(domain.cell_numbers[chunk])
             elastic[chunk] = kernel.stored_energy(
                 stiffness.G,

@@ -239,12 +239,14 @@ class SolidForce(SurfaceForce):
         return self._domain.mesh.X
 
     def _loads_of_stress(self, nodes, material, state, rows):
-        surface = N, G, _ = self._trace(nodes, self._domain.mesh.X, rows)
+        domain = self._domain
+        X = domain.coordinates(rows)
+        surface = N, G, _ = trace(domain.element, nodes, X)
         hoop = None
-        if self._domain.element.axisymmetric:
-            r = self._domain.mesh.X[self._domain.cells[rows], 0] @ N.T
+        if domain.element.axisymmetric:
+            r = X[..., 0] @ N.T
             hoop = hoop_functions(N, G, r)
         law = material.elastic
         if state.internal is not None:
             law = state.internal.law_at(law, rows, N)
-        return stress_load(*surface, law, self._domain.gather(state.u, rows), hoop)
+        return stress_load(*surface, law, domain.displacement(state.u, rows), hoop)

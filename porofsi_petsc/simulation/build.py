@@ -3,6 +3,7 @@
 from mpi4py import MPI
 
 from ..config import Scene
+from ..config.stages import CHANGES
 from ..errors import InputError
 from ..fem.distribute import LocalMesh, distribute
 from ..fem.domain import Domain
@@ -58,14 +59,28 @@ def serial_mesh(scene: Scene) -> Mesh:
     one rank).
     """
     mesh = tagged_mesh(scene)
-    found = _checked(scene, mesh)
+    _require_changing(scene, mesh)
+    found = _checked_rest(scene, mesh)
     for stage, later in zip(scene.stage, scene.stages[1:], strict=True):
         try:
-            left = remaining_mesh(later, mesh)
-            _checked(remaining_scene(later, mesh.facets, left.facets), left)
+            _checked_rest(later, mesh)
         except InputError as error:
             raise InputError(f"{error} (in the stage '{stage.name}')") from None
-    return with_inner(found, scene.stages[-1].inactive)
+    return with_inner(mesh if scene.inactive else found, scene.changing)
+
+
+def _require_changing(scene, mesh):
+    """Refuse names of regions that the mesh has not."""
+    where = scene.source_path or "scene"
+    for i, stage in enumerate(scene.stage):
+        for key in CHANGES:
+            require_regions(mesh, getattr(stage, key), f"{where} [stage.{i}.{key}]")
+
+
+def _checked_rest(scene, mesh):
+    """Return what is there of the mesh in a stage, where the scene fits it."""
+    left = remaining_mesh(scene, mesh)
+    return _checked(remaining_scene(scene, mesh.facets, left.facets), left)
 
 
 def _checked(scene, mesh):

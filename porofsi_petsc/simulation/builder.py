@@ -226,7 +226,7 @@ class Builder:
             return lambda t, x: factor * formula(t, x)
 
         formulas = {pair: times(*entry) for pair, entry in given.items()}
-        return InitialStress(domain, formulas) if formulas else None
+        return InitialStress(domain, formulas, self.scene.placed) if formulas else None
 
     def medium(self) -> Medium:
         """Return the coupling scheme with its phases (collective)."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..config import scene_to_toml, table_contents
 from ..output.checkpoint import NAME, write_checkpoint
+from .restart import PLACED
 
 if TYPE_CHECKING:
     from .simulation import Simulation
@@ -37,5 +38,7 @@ def write(simulation: Simulation, directory: Path) -> Path:
         arrays = coupling.state() | (control.state() if control else {})
         if simulation.measures.datum is not None:
             arrays["datum.u"] = simulation.measures.datum[: coupling.solid.mesh.n_owned]
+        if simulation.has_placed:
+            arrays[PLACED] = coupling.solid.mesh.placed
         write_checkpoint(directory, coupling.solid.mesh, header, arrays)
     return directory / NAME

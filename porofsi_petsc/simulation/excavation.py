@@ -11,7 +11,6 @@ from ..config.conditions import BodyForce, boundary_table
 from ..errors import InputError, shown
 from ..fem.distribute import Facets, LocalMesh
 from ..fem.domain import Domain
-from ..mesh.check import require_regions
 from ..mesh.excerpt import excerpt
 from ..mesh.mesh import Mesh
 from ..mesh.topology import facet_groups, locate_facets
@@ -25,7 +24,6 @@ def remaining_mesh(scene: Scene, mesh: Mesh) -> Mesh:
     if not scene.inactive:
         return mesh
     where = f"{scene.source_path or 'scene'} [stage.inactive]"
-    require_regions(mesh, scene.inactive, where)
     left = [name for name in mesh.regions if name not in scene.inactive]
     if not left:
         raise InputError(f"{where}: received all regions, expected one at least that stays")
@@ -57,13 +55,13 @@ def _tag_between(mesh, inactive):
 
 def remaining_scene(scene: Scene, before: Collection[str], left: Collection[str]) -> Scene:
     """Return the scene of what is left; before, left : tags of the mesh with and without the
-    inactive regions.
+    inactive regions, toward which surfaces have names.
 
     The surface toward an inactive region is free and sealed where the scene says nothing of it.
     """
-    if not scene.inactive:
+    if not scene.changing:
         return scene
-    gone = {*before, *scene.inactive} - {*left}
+    gone = {*before, *scene.changing} - {*left}
     _require_no_columns(scene, gone)
     boundaries = _without(scene.boundary, "on", gone)
     named = {tag for boundary in boundaries for tag in boundary.on}
@@ -75,7 +73,14 @@ def remaining_scene(scene: Scene, before: Collection[str], left: Collection[str]
     }
     if not isinstance(scene.body_force, BodyForce):
         changes["body_force"] = tuple(_without(scene.body_force, "on", scene.inactive))
-    return scene.model_copy(update=changes)
+    found = scene.model_copy(update=changes)
+    found._absent_kinds = tuple(
+        (name, material.kind)
+        for name in scene.inactive
+        for material in scene.material
+        if name in material.region or "all" in material.region
+    )
+    return found
 
 
 def _without(entries, key, gone):

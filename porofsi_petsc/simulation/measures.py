@@ -200,7 +200,7 @@ class Measures:
         for region, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
             nodes = self._at_nodes(chunk)
             H = three_dimensional(
-                displacement_gradient(nodes.G, domain.gather(u, chunk), nodes.hoop)
+                displacement_gradient(nodes.G, domain.displacement(u, chunk), nodes.hoop)
             )
             material = self._at(self._solid, region, chunk)
             law = self._coupling.solid.internal.law_at(material.elastic, chunk)
@@ -218,12 +218,13 @@ class Measures:
         element = self._solid.element
         nodes = element.node_coordinates
         rule = Rule.at(element, nodes, np.ones(len(nodes)))
-        at_nodes = geometry(rule, self._solid.gather(self._mesh.X, chunk))
+        X = self._solid.coordinates(chunk)
+        at_nodes = geometry(rule, X)
         collapsed = is_collapsed(self._solid.cells[chunk], element)
         if collapsed.any():  # where a side is a point there is no gradient: that a little inside
             near = nodes + COLLAPSED * (element.cell.centroid - nodes)
-            X = self._solid.gather(self._mesh.X, chunk)[collapsed]
-            at_nodes.G[collapsed] = geometry(Rule.at(element, near, np.ones(len(near))), X).G
+            rule = Rule.at(element, near, np.ones(len(near)))
+            at_nodes.G[collapsed] = geometry(rule, X[collapsed]).G
         return at_nodes
 
     # -- oscillation -------------------------------------------------------------------------------
@@ -360,7 +361,7 @@ class Measures:
 
     def _gradients(self, u, domain):
         stiffness = domain.reference_stiffness
-        return displacement_gradient(stiffness.G, domain.gather(u), stiffness.hoop)
+        return displacement_gradient(stiffness.G, domain.displacement(u), stiffness.hoop)
 
     def _largest_strain(self, u):
         E = green_strain(self._gradients(u, self._solid))

@@ -34,7 +34,7 @@ class Place(NamedTuple):
 
 class PointValues:
     """The values of quantities at some points in the accepted state, nan at those in regions that
-    have been taken away.
+    are not there.
     """
 
     def __init__(
@@ -56,10 +56,10 @@ class PointValues:
         of_stress = _Phase("solid", "fluid", coupling.solid.domain, self._in_solid)
         self._is_wet = of_flow.inside() > 1 - WET
         self._dry = self._dry_part()
-        if not scene.inactive:  # else the first stage has looked at the places
+        if not scene.time.begins:  # else the first stage has looked at the places
             where = scene.source_path or "scene"
-            of_flow.require(places, _is_of_flow, where)
-            of_stress.require(places, OF_STRESS.__contains__, where)
+            for phase, concerns in ((of_flow, _is_of_flow), (of_stress, OF_STRESS.__contains__)):
+                phase.with_absent(scene, places).require(places, concerns, where)
 
     def _dry_part(self):
         """Return the solids without pores beside the porous media of a scene, whose stress is
@@ -184,6 +184,14 @@ class _Phase(NamedTuple):
     other: str
     domain: Domain
     probes: Probes
+
+    def with_absent(self, scene, places):
+        """Return the phase with its regions that are placed in a later stage (collective)."""
+        absent = [name for name, kind in scene.absent_kinds if kind in (self.name, "porous")]
+        if not absent:
+            return self
+        domain = Domain(self.domain.mesh, {*self.domain.regions, *absent})
+        return self._replace(domain=domain, probes=_probes_in(domain, places))
 
     def inside(self):
         """Return the sum of the shape functions of the phase's nodes at all points, (n,): 1 inside

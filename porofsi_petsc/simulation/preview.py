@@ -9,6 +9,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from ..config import Scene
+from ..config.stages import REPLACED, SETTINGS
 from ..errors import InputError
 from ..fem.geometry import shape_quality
 from ..mesh.check import place
@@ -46,8 +47,10 @@ def preview(scene: Scene, coupling: AnyMedium, measures: Measures) -> str:
         _terms(scene, measures),
         _time(scene.time),
     ]
+    if absent := scene.inactive:
+        lines.append(f"not there at the start: {', '.join(absent)}")
     for stage, later in zip(scene.stage, scene.stages[1:], strict=True):
-        lines.append(f"stage '{stage.name}': {_time(later.time)}")
+        lines.append(f"stage '{stage.name}': {_time(later.time)}; {_changes(stage)}")
     lines += [*_diffusion(scene, coupling), *_waves(scene, coupling), *_flow(scene, coupling)]
     return "\n".join([*lines, *_loads(scene, coupling), *_initial_stress(scene, coupling)])
 
@@ -113,6 +116,29 @@ def _time(section):
     )
 
 
+def _changes(stage):
+    """Return what a stage changes, in words."""
+    found = [
+        f"{verb} {', '.join(names)}"
+        for verb, names in (("takes away", stage.inactive), ("places", stage.active))
+        if names
+    ]
+    changed = [
+        f"[[{table}]] of {', '.join(dict.fromkeys(names))}"
+        for table, names in (
+            ("boundary", [tag for entry in stage.boundary for tag in entry.on]),
+            ("material", [region for entry in stage.material for region in entry.region]),
+        )
+        if names
+    ]
+    changed += [f"[{name}]" for name in (*REPLACED, *SETTINGS[1:]) if getattr(stage, name)]
+    emptied = [name for name in REPLACED if getattr(stage, name) == ()]
+    found += [f"changes {', '.join(changed)}"] if changed else []
+    found += [f"ends [{name}]" for name in emptied]
+    found += ["resets displacements"] if stage.reset_displacement else []
+    return "; ".join(found) or "changes nothing but the steps"
+
+
 def _diffusion(scene, coupling):
     """Yield a line per porous region: c_v = E_c k/γ [m²/s], what it means far from drained
     boundaries and beside them.
@@ -162,7 +188,7 @@ def _drained(scene, domain):
     """
     mesh = domain.mesh
     materials = materials_of(at_start(scene), mesh)
-    free = [i for i, region in enumerate(mesh.regions) if materials[region].is_free_fluid]
+    free = [mesh.regions.index(r) for r, found in materials.items() if found.is_free_fluid]
     beside = np.zeros(mesh.n_local, dtype=np.uint8)
     beside[mesh.cells[np.isin(mesh.cell_region, free)]] = 1
     mesh.halo.update(beside)

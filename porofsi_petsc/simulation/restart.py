@@ -6,8 +6,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..config import Scene, comparable, table_contents
+from ..config.stages import CHANGES, absent_at_start
 from ..errors import InputError, shown
+from ..fem.distribute import LocalMesh
 from ..log import logger
 from ..output.checkpoint import damaged, read_arrays
 from ..output.files import parse_toml
@@ -21,6 +25,8 @@ from .measures import Measures
 FIXED = ("model", "material", "boundary", "body_force", "load", "stabilization", "interface")
 # Of [reference]: errors before and after belong together.
 COMPARED = ("solution", "load", "length", "frequency", "strain", "speed", "surface")
+
+PLACED = "placed.cell_u"  # array of what stages have placed
 
 LIKE = re.compile(
     r"^(?:\w+\.tangent_(?:skeleton_)?|step_control\.)([a-z])(?:\.\d+)?$"
@@ -55,8 +61,11 @@ def resume(
             raise ValueError(wrong)
         _require_same_scene(path, header, scene, text)
         state = coupling.state()
-        if any(entry.reset_displacement for entry in scene.stage[:stage]):
+        past = scene.stage[:stage]
+        if any(entry.reset_displacement or entry.active for entry in past):
             state["datum.u"] = state["solid.u"]
+        if mesh.placed is not None and any(entry.active for entry in past):
+            state[PLACED] = mesh.placed
         _require_forces(path, header["arrays"], state)
         _require_arrays(header["arrays"], state)
         arrays = read_arrays(path, header, mesh)
@@ -65,6 +74,21 @@ def resume(
         raise damaged(path, f"its entry {missing} is missing", mesh.comm) from missing
     except (TypeError, ValueError) as failure:
         raise damaged(path, str(failure), mesh.comm) from failure
+
+
+def placed_cells(path: Path, header: dict[str, Any], mesh: LocalMesh) -> np.ndarray:
+    """Return `LocalMesh.placed` of a checkpoint, zero where `resume` will refuse it (collective).
+
+    header : of `open_checkpoint`.  Raises InputError when the file belongs to another mesh or is
+    damaged.
+    """
+    assert mesh.placed is not None  # of every run that places something
+    like = mesh.placed
+    array = header["arrays"].get(PLACED)
+    if array is None or (array.shape[1:], array.dtype) != (like.shape[1:], like.dtype):
+        return like
+    only = header | {"arrays": {PLACED: array}}
+    return read_arrays(path, only, mesh)[PLACED]
 
 
 def _require_forces(path, arrays, state):
@@ -156,7 +180,9 @@ def _fixed(scene, other, stage):
     """
     fixed: dict = {section: scene.get(section) for section in FIXED}
     past = scene.get("stage", [])[:stage]
-    keys = (*FIXED, "tie", "inactive", "reset_displacement")
+    keys = (*FIXED, "tie", "inactive", "active", "reset_displacement")
+    changes = [[entry.get(key, ()) for key in CHANGES] for entry in scene.get("stage", [])]
+    fixed["stage.active"] = absent_at_start(changes)
     fixed["stage"] = [{key: entry.get(key) for key in keys} for entry in past]
     if past:
         fixed["time"] = {"end": scene["time"]["end"]}

@@ -340,7 +340,7 @@ def check(scene: Scene, figure: Path | None = None) -> str:
     if figure is not None:
         on_root(MPI.COMM_WORLD, _draw, scene, figure)
     simulation = Simulation(scene)
-    return preview(scene, simulation.coupling, simulation.measures)
+    return preview(simulation.present, simulation.coupling, simulation.measures)
 
 
 def _draw(scene, figure):

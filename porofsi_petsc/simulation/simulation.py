@@ -7,6 +7,7 @@ from __future__ import annotations
 import gc
 import os
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,10 @@ from .fields import Fields
 from .lines import Lines
 from .loop import TimeLoop
 from .measures import Measures
+from .placement import place, without_placed
 from .precice import Partner
 from .quantities import Quantities
-from .restart import resume
+from .restart import placed_cells, resume
 from .stages import Left
 
 SHORTEST = 1e-9  # step, in those of the scene, that `run` is asked for
@@ -49,7 +51,7 @@ class Simulation:
 
     scene : the `Scene`; comm : its ranks; coupling, loop, energy, measures, stopwatch : the parts
     of the solution;
-    stage : number of the present stage, 0 of the first;
+    stage : number of the present stage, 0 of the first; present : its scene, of what is there;
     fields : the nodal `Fields` of the accepted state; quantities : what the history records;
     lines : the values along the lines of the scene;
     callbacks : functions of the simulation that are called in turn after every accepted step; a
@@ -83,6 +85,8 @@ class Simulation:
     def _build(self, mesh):
         with self.stopwatch.measure("setup"):
             self._mesh = mesh or local_mesh(self.scene, self.comm)
+            if self.places:
+                self._mesh = without_placed(self.scene, self._mesh)
             require_loads(self._stages, self._mesh)
             self._make_parts()
         self.energy = Energy()
@@ -93,16 +97,29 @@ class Simulation:
 
     def _make_parts(self):
         """Make coupling and measures of the present stage (collective)."""
-        scene = self._stages[self.stage]
-        mesh = self._mesh
-        if scene.inactive:
-            mesh = remaining_facets(scene, mesh)
-            scene = remaining_scene(scene, self._mesh.facets, mesh.facets)
+        scene, mesh = self._there(self.stage)
+        self.present = scene
         self.coupling = build_coupling(scene, mesh, self.stopwatch)
         self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
         self.lines = Lines(scene, self.coupling, self.measures)
         self.quantities = Quantities(scene, self.coupling, self.measures)
         self.fields = Fields(scene, self.coupling, self.measures)
+
+    def _there(self, number):
+        """Return scene and mesh of what is there in a stage (collective)."""
+        scene = self._stages[number]
+        mesh = remaining_facets(scene, self._mesh) if scene.inactive else self._mesh
+        return remaining_scene(scene, self._mesh.facets, mesh.facets), mesh
+
+    @property
+    def places(self) -> bool:
+        """Return whether a stage places regions (local)."""
+        return any(stage.active for stage in self.scene.stage)
+
+    @property
+    def has_placed(self) -> bool:
+        """Return whether a stage up to the present one has (local)."""
+        return any(stage.active for stage in self.scene.stage[: self.stage])
 
     def _make_loop(self):
         scene = self._stages[self.stage]
@@ -122,6 +139,12 @@ class Simulation:
     def _next_stage(self):
         """Go on with the next stage from the accepted state (collective)."""
         left = Left(self)
+        if regions := self.scene.stage[self.stage].active:
+            u = self.coupling.displacement()
+            scene, there = self._there(self.stage + 1)
+            placed = place(scene, there, regions, u, self.stopwatch)
+            self._mesh = replace(self._mesh, placed=placed.cells)
+            left.take(placed)
         self._begin_stage(self.stage + 1)
         left.continue_in(self)
         name = self.scene.stage[self.stage - 1].name
@@ -316,6 +339,9 @@ class Simulation:
                 f" {len(self.scene.stage)} stages after the first; restart with those of its run"
             )
         if number:
+            if self.places:
+                cells = placed_cells(path, header, self._mesh)
+                self._mesh = replace(self._mesh, placed=cells)
             self._begin_stage(number)
         parts = self.loop, self.coupling, self.energy, self.measures
         resume(path, header, self.scene, text, *parts, number)

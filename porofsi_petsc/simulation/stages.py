@@ -14,13 +14,16 @@ import numpy as np
 from ..coupling.protocols import Arrays
 from ..output.checkpoint import is_of_cells
 from ..phases.coupling_data import Rates
+from ..phases.internal import ARRAY
 from ..phases.surface_terms import SurfaceTerms
 from .auto import AnyMedium, without_tangents
+from .placement import Placed
 
 if TYPE_CHECKING:
     from .simulation import Simulation
 
 SURFACES = ("solid", "fluid")
+INTERNAL = f"solid.{ARRAY}"
 
 
 class Left:
@@ -40,6 +43,20 @@ class Left:
         self._measures = simulation.measures.state()
         self._datum = simulation.measures.datum
         self._volumes = simulation.quantities.memory()
+
+    def take(self, placed: Placed) -> None:
+        """Add the nodes of regions that are placed, at rest where they are; reported displacements
+        of them are measured from there.
+        """
+        n = len(self._arrays["solid.u"])
+        nodes = placed.nodes[:n]
+        values = {"solid.u": placed.u, "fluid.p": placed.p, "fluid.p_collocated": placed.p}
+        for name in values.keys() & self._arrays.keys():
+            array = self._arrays[name].copy()
+            array[nodes] = values[name][:n][nodes]
+            self._arrays[name] = array
+        datum = np.zeros_like(placed.u) if self._datum is None else self._datum
+        self._datum = np.where(placed.nodes[:, None], placed.u, datum)
 
     def continue_in(self, simulation: Simulation) -> None:
         """Give it to the parts of the stage that begins (collective).
@@ -71,7 +88,7 @@ class Left:
         """Return the arrays, where the phases have no nodes any more at rest, displaced as at the
         end of the stage before.
         """
-        found = dict(self._arrays)
+        found = self._arrays | self._remembered(coupling)
         if "mesh.u" in found and not coupling.fluid.domain.n_nodes:
             found["mesh.u"] = found["solid.u"]  # which is reported where there is no solid
         for phase in SURFACES:
@@ -82,6 +99,19 @@ class Left:
                 if kind == phase and key != "u" and not is_of_cells(name):
                     found[name] = np.where(gone.reshape(-1, *(1,) * (array.ndim - 1)), 0.0, array)
         return found
+
+    def _remembered(self, coupling):
+        """Return the internal variables of a stage whose laws may have other ones than those of the
+        stage before: zero where there were none.
+        """
+        state = coupling.state()
+        if INTERNAL not in state:
+            return {}
+        values = np.zeros_like(state[INTERNAL])
+        before = self._arrays.get(INTERNAL, values[..., :0])
+        both = min(before.shape[-1], values.shape[-1])
+        values[..., :both] = before[..., :both]
+        return {INTERNAL: values}
 
     def _with_linear(self, coupling: AnyMedium, rates: Rates) -> dict:
         """Return the memory with the rates of the linear phases, whose tangent is then made where a
