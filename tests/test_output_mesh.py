@@ -286,6 +286,7 @@ def write_results(directory, name, n_steps=4):
         writer.write(step, 0.1 * step, fields_of(mesh, 1e-4 * step))
         history.append(0.1 * step, [1e-3 * step, 1e-5 * step**2, -1e5 * step], 3)
     history.close()
+    writer.close()
     (directory / "scene.toml").write_text(
         'title = "x"\n[figures]\ntimes = [0.1, 0.32]\npaths = ["A"]\n'
     )

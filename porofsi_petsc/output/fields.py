@@ -1,29 +1,29 @@
 """Fields over time: one HDF5 file per written time, the mesh once, and an XDMF file for ParaView
 and meshio.
 
-fields.xdmf              temporal collection, replaced after every written time fields/mesh.h5
-points (N, 3) [m], cells (E, A), region (E,); natural order of nodes and cells fields/000010.h5
-step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy xz yy yz zz
+fields.xdmf        temporal collection (`output.xdmf`)
+fields/mesh.h5     points (N, 3) [m], cells (E, A), region (E,); natural order of nodes and cells
+fields/000010.h5   step 10: one dataset per field, (N,) scalar, (N, 3) vector, (N, 6) tensor xx xy
+                   xz yy yz zz
 """
 
 import os
 import re
 from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from ..errors import InputError
 from ..fem.distribute import LocalMesh
 from ..fem.natural_order import NaturalOrder
-from .files import on_root, write_text
+from .files import keep_names, on_root
 from .hdf5 import read_attributes, write_slabs
+from .xdmf import ATTRIBUTE_TYPE, Collection, Grids
 
 FOLDER = "fields"
 XDMF = "fields.xdmf"
 STEP = re.compile(r"\d{6,}\.h5")  # names of the files of a time
-ATTRIBUTE_TYPE = {(): "Scalar", (3,): "Vector", (6,): "Tensor6"}
 
 
 class Snapshot(NamedTuple):
@@ -50,6 +50,9 @@ class FieldWriter:
         self.cells_shape = (mesh.n_cells_global, mesh.cells.shape[1])
         self.snapshots = on_root(mesh.comm, read_snapshots, self.directory)
         self._write_mesh()
+        self._grids = Grids(mesh.element.xdmf_name, self.n_points, self.cells_shape, FOLDER)
+        self._collection = Collection(self.directory / XDMF)
+        self._rewrite_collection()
 
     def write(self, step: int, time: float, fields: dict[str, np.ndarray]) -> None:
         """Write the fields of one step and list them in the XDMF file; collective.
@@ -64,17 +67,29 @@ class FieldWriter:
         }
         write_slabs(path, self.mesh.comm, slabs, {"step": step, "time": time})
         shapes = {name: (self.n_points, *slab.shape[1:]) for name, slab in slabs.items()}
-        self.snapshots = [s for s in self.snapshots if s.step != step] + [
-            Snapshot(step, time, path, shapes)
-        ]
-        self._write_xdmf()
+        self._list(Snapshot(step, time, path, shapes))
+
+    def _list(self, snapshot):
+        """List a time that was written in the collection."""
+        if snapshot.step in self._steps:  # a run that was continued writes its end again
+            self.snapshots = [s for s in self.snapshots if s.step != snapshot.step] + [snapshot]
+            self._rewrite_collection()
+            return
+        self.snapshots.append(snapshot)
+        self._steps.add(snapshot.step)
+        on_root(self.mesh.comm, self._collection.append, self._grid(snapshot))
 
     def truncate(self, time: float) -> None:
         """Drop the times later than the given one; collective."""
         later = [s.path for s in self.snapshots if s.time > time]
         self.snapshots = [s for s in self.snapshots if s.time <= time]
-        self._write_xdmf()
+        self._rewrite_collection()
         on_root(self.mesh.comm, _remove, later)
+
+    def close(self) -> None:
+        """Force what was written to the disk; collective."""
+        on_root(self.mesh.comm, self._collection.close)
+        on_root(self.mesh.comm, keep_names, self.directory / FOLDER)
 
     def _write_mesh(self):
         mesh = self.mesh
@@ -88,13 +103,14 @@ class FieldWriter:
         attributes = {"element": mesh.element.name, "dim": mesh.dim, "regions": list(mesh.regions)}
         write_slabs(self.directory / FOLDER / "mesh.h5", mesh.comm, slabs, attributes)
 
-    def _write_xdmf(self):
-        grids = [
-            _grid(s, self.mesh.element.xdmf_name, self.n_points, self.cells_shape)
-            for s in self.snapshots
-        ]
-        text = XDMF_TEXT.format(grids="\n".join(grids))
-        on_root(self.mesh.comm, write_text, self.directory / XDMF, text)
+    def _rewrite_collection(self):
+        self._steps = {snapshot.step for snapshot in self.snapshots}
+        grids = [self._grid(snapshot) for snapshot in self.snapshots]
+        on_root(self.mesh.comm, self._collection.rewrite, grids)
+
+    def _grid(self, snapshot):
+        place = f"{FOLDER}/{snapshot.path.name}"
+        return self._grids.at(snapshot.step, snapshot.time, place, snapshot.shapes)
 
 
 def read_snapshots(directory: str | os.PathLike[str]) -> list[Snapshot]:
@@ -145,46 +161,3 @@ def _columns(name, array, dim):
 
 def _padded(vectors):
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
-
-
-XDMF_TEXT = """<?xml version="1.0" ?>
-<Xdmf Version="3.0"><Domain>
-<Grid Name="fields" GridType="Collection" CollectionType="Temporal">
-{grids}
-</Grid>
-</Domain></Xdmf>
-"""
-
-
-def _grid(snapshot, topology, n_points, cells_shape):
-    mesh = f"{FOLDER}/mesh.h5"
-    lines = [
-        (
-            f'<Grid Name="step {snapshot.step}" GridType="Uniform"><Time'
-            f' Value="{snapshot.time:.17g}"/>'
-        ),
-        f'<Topology TopologyType="{topology}" NumberOfElements="{cells_shape[0]}">'
-        f"{_item(f'{mesh}:/cells', cells_shape, 'Int', 8)}</Topology>",
-        (
-            "<Geometry"
-            f' GeometryType="XYZ">{_item(f"{mesh}:/points", (n_points, 3), "Float", 8)}</Geometry>'
-        ),
-        f'<Attribute Name="region" AttributeType="Scalar" Center="Cell">'
-        f"{_item(f'{mesh}:/region', cells_shape[:1], 'Int', 4)}</Attribute>",
-    ]
-    for name, shape in sorted(snapshot.shapes.items()):
-        item = _item(f"{FOLDER}/{snapshot.path.name}:/{name}", shape, "Float", 8)
-        kind = ATTRIBUTE_TYPE[tuple(shape[1:])]
-        lines.append(
-            f'<Attribute Name={quoteattr(name)} AttributeType="{kind}"'
-            f' Center="Node">{item}</Attribute>'
-        )
-    return "\n".join(lines) + "\n</Grid>"
-
-
-def _item(location, shape, kind, precision):
-    dimensions = " ".join(map(str, shape))
-    return (
-        f'<DataItem DataType="{kind}" Precision="{precision}" Dimensions="{dimensions}"'
-        f' Format="HDF">{location}</DataItem>'
-    )

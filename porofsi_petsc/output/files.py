@@ -78,11 +78,22 @@ def temporary_name(path: str | os.PathLike[str]) -> Path:
 
 
 def publish(path: str | os.PathLike[str]) -> None:
-    """Give the complete temporary file its final name: fsync, rename, fsync of the folder."""
-    path = Path(path)
-    _fsync(temporary_name(path), os.O_RDWR)
+    """Give the complete temporary file its final name and force both to the disk."""
+    complete(path)
+    keep_names(Path(path).parent)
+
+
+def complete(path: str | os.PathLike[str]) -> None:
+    """Give the complete temporary file its final name: fsync, rename.  After a loss of power it is
+    complete or absent; `keep_names` makes sure that it is there.
+    """
+    keep_content(temporary_name(path))
     os.replace(temporary_name(path), path)
-    keep_names(path.parent)
+
+
+def keep_content(path: str | os.PathLike[str]) -> None:
+    """Force the content of a file to the disk."""
+    _fsync(path, os.O_RDWR)
 
 
 def keep_names(folder: str | os.PathLike[str]) -> None:

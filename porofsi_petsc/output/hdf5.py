@@ -18,7 +18,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..errors import InputError
-from .files import on_root, publish, raise_everywhere, temporary_name, writing_error
+from .files import complete, on_root, raise_everywhere, temporary_name, writing_error
 
 STRUCTURE = 1 << 16  # [bytes] more than the structure of a file takes beside data and attributes
 
@@ -37,8 +37,9 @@ def write_slabs(
     attributes : dict name -> number, string or list of strings, stored at the root of the file
     (equal on every rank).
     front : bytes that are left free at the start of the file, a power of two from 512 on, or None.
-    The file appears under its name when it is complete, never earlier; one that cannot be completed
-    is removed, so that its space is free again.  Raises PorofsiError when it cannot be written.
+    The file appears under its name when it is complete, never earlier (`files.keep_names` makes the
+    name last); one that cannot be completed is removed, so that its space is free again.  Raises
+    PorofsiError when it cannot be written.
     """
     slabs = {name: np.ascontiguousarray(slab) for name, slab in slabs.items()}
     counts = np.array(comm.allgather([len(slab) for slab in slabs.values()]), dtype=int).reshape(
@@ -47,7 +48,7 @@ def write_slabs(
     parallel = h5py.get_config().mpi and comm.size > 1
     write = _write_together if parallel else _write_through_root
     write(temporary_name(path), comm, slabs, counts, attributes or {}, front)
-    on_root(comm, publish, path)
+    on_root(comm, complete, path)
 
 
 def _write_together(path, comm, slabs, counts, attributes, front):

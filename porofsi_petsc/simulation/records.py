@@ -93,8 +93,10 @@ class Records:
             self.checkpoint()
 
     def close(self) -> None:
-        """Close the history and the lines."""
+        """Close the history, the fields and the lines."""
         self._history.close()
+        if self._fields:
+            self._fields.close()
         for file in self._lines.values():
             file.close()
 
