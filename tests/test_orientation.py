@@ -202,7 +202,7 @@ def test_a_solid_beside_a_free_fluid_has_axes_too():
     np.testing.assert_allclose(*found, rtol=0, atol=1e-7 * np.abs(found[0]).max())
 
 
-UP = {"first": {"y": 3.0}}
+UP = {"first": {"y": "1 + x"}}
 FLAP = {
     "law": "holzapfel_gasser_ogden",
     "young": 1e5,
