@@ -15,6 +15,7 @@ from porofsi_petsc.errors import InputError
 from porofsi_petsc.mesh.excerpt import with_inner
 from porofsi_petsc.simulation.build import tagged_mesh
 from porofsi_petsc.simulation.excavation import remaining_mesh
+from porofsi_petsc.simulation.run import check
 
 pytestmark = pytest.mark.usefixtures("petsc")
 HEIGHT, FLOOR = 10.0, 6.0  # of the column and of what is left of it [m]
@@ -243,13 +244,54 @@ def test_a_scene_with_an_excavation_loads_again():
             {"inactive": ["upper", "upper"]},
             r"\[stage.0.inactive\]: received 'upper', which is taken",
         ),
-        ({"boundary": [{"on": "uper", "traction": {"y": 0.0}}]}, r"no boundary tag 'uper'"),
-        ({"load": [{"at": [0.5, 8.0], "force": {"y": -1.0}}]}, r"\[load.0\]: received the point"),
+        (
+            {"boundary": [{"on": "uper", "traction": {"y": 0.0}}]},
+            r"\[stage.0.boundary.0.on\]: the mesh has no boundary tag 'uper'",
+        ),
+        (
+            {"load": [{"at": [0.5, 8.0], "force": {"y": -1.0}}]},
+            r"\[load.0\]: received the point.*\(in the stage 'dig'\)",
+        ),
+        (
+            {"boundary": [{"on": "top", "traction": {"y": -1.0}}]},
+            r"\[stage.0.boundary.0.on\]: received 'top', of which in the stage 'dig' and after it",
+        ),
+        (
+            {"body_force": [{"on": "upper", "solid": {"y": -1.0}}]},
+            r"\[stage.0.body_force.0.on\]: received 'upper', of which in the stage 'dig' and",
+        ),
+        (
+            {"body_force": [{"on": "uper", "solid": {"y": -1.0}}]},
+            r"\[stage.0.body_force.0.on\]: the mesh has no region 'uper'; choose from body, upper",
+        ),
     ],
 )
 def test_what_cannot_be_taken_away_is_refused(changes, text):
     with pytest.raises(InputError, match=text):
         Simulation.from_scene(column(**changes), MPI.COMM_SELF)
+
+
+def test_a_material_of_what_is_taken_away_is_refused():
+    """Nor is one of a region that the mesh has not; a typo has the key that was written."""
+    scene = column()
+    material = scene["material"][0] | {"region": ["body", "upper"]}
+    for region, text in (("upper", r"'upper', of which in"), ("uper", r"no region 'uper'; choose")):
+        second = scene["stage"][0] | {"material": [material | {"region": region}]}
+        with pytest.raises(InputError, match=rf"\[stage.0.material.0.region\]: .*{text}"):
+            Simulation.from_scene(
+                scene | {"material": [material], "stage": [second]}, MPI.COMM_SELF
+            )
+
+
+def test_check_says_what_a_stage_changes():
+    scene = column(boundary=[{"on": "upper", "traction": {"y": -1.0}}], reset_displacement=True)
+    fill = {"name": "fill", "active": ["upper"], "load": [], "time": {"end": 3.0}}
+    said = check(load_scene(scene | {"stage": [*scene["stage"], fill]}))
+    assert (
+        "'dig': to t = 2 s in 2 steps of 0.5 s; takes away upper; changes [[boundary]] of" in said
+    )
+    assert "upper; resets displacements" in said
+    assert "'fill': to t = 3 s in 2 steps of 0.5 s; places upper; ends [[load]]" in said
 
 
 def test_a_surface_that_is_taken_away_is_refused():

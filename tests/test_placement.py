@@ -9,7 +9,7 @@ from mpi4py import MPI
 from porofsi_petsc import Simulation, load_scene
 from porofsi_petsc.config import scene_to_toml
 from porofsi_petsc.config.toml import tomllib
-from porofsi_petsc.errors import InputError
+from porofsi_petsc.errors import ConvergenceError, InputError
 from porofsi_petsc.materials import ELASTIC
 
 pytestmark = pytest.mark.usefixtures("petsc")
@@ -399,6 +399,18 @@ def test_a_lift_around_an_axis_is_free_of_stress_where_it_is_placed():
         stress, u = simulation.fields["stress"], simulation.coupling.displacement()
         assert np.abs(u[lifted, 0]).max() > 0.01
         assert np.abs(stress[lifted]).max() < 1e-8 * np.abs(stress).max()
+
+
+def test_a_lift_that_would_be_inverted_is_refused():
+    """The surface of the ground is folded, which small strain does not see there."""
+    scene = column(lifts=2, limits={"strain": "report"})
+    bottom = scene["boundary"][1]
+    folded = {"on": "lift_1", "displacement": {"x": "-3*x"}}
+    scene["boundary"] = [bottom, folded, {"on": ["left", "right", "top"], "traction": {"y": 0.0}}]
+    with Simulation.from_scene(scene, MPI.COMM_SELF) as simulation:
+        simulation.run(until=1.0)
+        with pytest.raises(ConvergenceError, match="an element of a region to place would be inv"):
+            simulation.run()
 
 
 def test_a_scene_with_lifts_loads_again():

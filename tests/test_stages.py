@@ -220,6 +220,7 @@ def test_a_scene_with_stages_loads_again():
     [
         ({"time": {"end": T / 2}}, r"\[stage.0.time.end\]: received 0.01 s, expected a time after"),
         ({"time": {}}, r"\[stage.0.time.end\]: received nothing"),
+        ({"boundary": TOP}, r"\[stage.0.boundary\]: received one table, .* write .*\[\[…\]\]"),
         ({"time": {"end": 1.0, "stp": 1.0}}, r"\[stage.0.time.stp\]: unknown key 'stp'"),
         ({"time": {"end": 1.0, "scheme": "steady"}}, r"\[stage.0.time.scheme\]: received 'steady'"),
         ({"boundary": [{**TOP, "flux": 0.0}]}, r"\[stage.0.boundary.0"),

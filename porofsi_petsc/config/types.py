@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -68,6 +68,15 @@ class Table(BaseModel):
 
 def _listed(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
+
+
+def _several_tables(value: Any) -> Any:
+    if isinstance(value, dict):
+        raise wrong(
+            "received one table, expected a list of them; write the name in two pairs of brackets,"
+            " [[…]]"
+        )
+    return _listed(value)
 
 
 def _one_or_many(value: Any) -> Any:
@@ -161,7 +170,11 @@ class ListOf:
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         """Return the schema of the tuple that takes a list and looks at its length."""
-        entries = core_schema.no_info_before_validator_function(_listed, handler(source))
+        entry = get_args(source)[0]
+        entry = getattr(entry, "__origin__", entry)  # without what is annotated
+        of_tables = isinstance(entry, type) and issubclass(entry, Table)
+        before = _several_tables if of_tables else _listed
+        entries = core_schema.no_info_before_validator_function(before, handler(source))
         return core_schema.no_info_after_validator_function(self._check, entries)
 
     def _check(self, entries: tuple) -> tuple:

@@ -3,7 +3,6 @@
 from mpi4py import MPI
 
 from ..config import Scene
-from ..config.stages import CHANGES
 from ..errors import InputError
 from ..fem.distribute import LocalMesh, distribute
 from ..fem.domain import Domain
@@ -27,6 +26,7 @@ from .interface import InterfaceBuilder
 from .locking import require_no_locking
 from .porous import PorousBuilder
 from .sides import check_dry, check_sides, check_surfaces
+from .stage_names import require_effect, require_known_regions, require_known_tags
 from .start import put_at_start
 from .supports import require_supports
 
@@ -59,22 +59,17 @@ def serial_mesh(scene: Scene) -> Mesh:
     one rank).
     """
     mesh = tagged_mesh(scene)
-    _require_changing(scene, mesh)
+    require_known_regions(scene, mesh)
     found = _checked_rest(scene, mesh)
+    require_known_tags(scene, {*mesh.facets, *found.facets})
+    there = []
     for stage, later in zip(scene.stage, scene.stages[1:], strict=True):
         try:
-            _checked_rest(later, mesh)
+            there.append({*_checked_rest(later, mesh).facets})
         except InputError as error:
             raise InputError(f"{error} (in the stage '{stage.name}')") from None
+    require_effect(scene, there)
     return with_inner(mesh if scene.inactive else found, scene.changing)
-
-
-def _require_changing(scene, mesh):
-    """Refuse names of regions that the mesh has not."""
-    where = scene.source_path or "scene"
-    for i, stage in enumerate(scene.stage):
-        for key in CHANGES:
-            require_regions(mesh, getattr(stage, key), f"{where} [stage.{i}.{key}]")
 
 
 def _checked_rest(scene, mesh):

@@ -1,6 +1,6 @@
 """What is left of a scene and its mesh in a stage that has taken regions away."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -119,14 +119,18 @@ def remaining_facets(scene: Scene, mesh: LocalMesh) -> LocalMesh:
     return replace(mesh, facets=left)
 
 
-def require_loads(scenes: Iterable[Scene], mesh: LocalMesh) -> None:
-    """Raise InputError where a concentrated load of a scene is on an inactive region
+def require_loads(scene: Scene, mesh: LocalMesh) -> None:
+    """Raise InputError where in some stage a concentrated load is on what is not there
     (collective).
     """
-    for scene in scenes:
-        if scene.inactive and scene.load:
-            active = [name for name in mesh.regions if name not in scene.inactive]
-            concentrated_loads(scene, Domain(mesh, active), lambda force: {})
+    names = ["", *(f" (in the stage '{stage.name}')" for stage in scene.stage)]
+    for name, present in zip(names, scene.stages, strict=True):
+        if present.inactive and present.load:
+            active = [region for region in mesh.regions if region not in present.inactive]
+            try:
+                concentrated_loads(present, Domain(mesh, active), lambda force: {})
+            except InputError as error:
+                raise InputError(f"{error}{name}") from None
 
 
 def _part(facets, rows):

@@ -132,9 +132,8 @@ def _changes(stage):
         if names
     ]
     changed += [f"[{name}]" for name in (*REPLACED, *SETTINGS[1:]) if getattr(stage, name)]
-    emptied = [name for name in REPLACED if getattr(stage, name) == ()]
     found += [f"changes {', '.join(changed)}"] if changed else []
-    found += [f"ends [{name}]" for name in emptied]
+    found += [f"ends [[{name}]]" for name in REPLACED if getattr(stage, name) == ()]
     found += ["resets displacements"] if stage.reset_displacement else []
     return "; ".join(found) or "changes nothing but the steps"
 

@@ -87,7 +87,7 @@ class Simulation:
             self._mesh = mesh or local_mesh(self.scene, self.comm)
             if self.places:
                 self._mesh = without_placed(self.scene, self._mesh)
-            require_loads(self._stages, self._mesh)
+            require_loads(self.scene, self._mesh)
             self._make_parts()
         self.energy = Energy()
         self.energy.start(*self.coupling.energies())
