@@ -371,6 +371,38 @@ def test_a_backfill_brings_the_floor_back():
     assert history["top_1.u_y"][3] == pytest.approx(heaved + own, rel=1e-9)
 
 
+def test_a_pit_in_porous_ground_may_be_filled_with_another_kind_of_material():
+    """A dry one with a memory: its weight alone is what the floor bears at last.
+
+    1e-6 is the tolerance of the coupling.
+    """
+    scene = porous()
+    fill = solid(PLASTIC | {"cohesion": 1e6, "density": 1000.0}, "lift_1")
+    scene["material"][0]["region"] = ["body", "lift_1"]
+    times = [{"end": end, "step": 2.5e5, "growth": 1.0} for end in (2e6, 3e6)]
+    scene["stage"] = [
+        {"name": "dig", "inactive": ["lift_1"], "time": times[0]},
+        {"name": "fill", "active": ["lift_1"], "material": [fill], "time": times[1]},
+    ]
+    sides, bottom, top = scene["boundary"]
+    sides.pop("velocity")
+    bottom.pop("velocity")
+    bottom["pressure"] = WATER * GROUND
+    scene["stage"][0]["boundary"] = [{"on": "lift_1", "pressure": 0.0}]
+    scene["stage"][1]["boundary"] = [{"on": "top", "traction": {"y": 0.0}}]
+    scene["boundary"] = [sides, bottom, {"on": "top", "pressure": 0.0}]
+    scene["probe"] = [{"name": "floor", "at": [0.5, GROUND], "quantities": ["p", "u_y"]}]
+    scene["probe"].append({"name": "inside", "at": [0.5, 8.0], "quantities": ["p", "u_y"]})
+    history = solved(scene)
+    assert np.isfinite(history["inside.p"][:5]).all() and np.isnan(history["inside.p"][5:]).all()
+    assert np.isfinite(history["inside.u_y"][9:]).all()
+    buoyant = (SATURATED - WATER) * GROUND**2 / 2
+    loads = np.array([0.0, 1e4 * (HEIGHT - GROUND)])
+    exact = -(buoyant + loads * GROUND) / MODULUS
+    np.testing.assert_allclose(history["floor.u_y"][[8, 12]], exact, rtol=1e-6)
+    assert history["floor.p"][-1] == pytest.approx(0.0, abs=1e-6 * WATER * HEIGHT)
+
+
 def test_a_lift_has_no_initial_stress():
     """That of the ground is the whole weight of it; the lift is compressed by its own weight."""
     scene = column(lifts=2)

@@ -189,8 +189,9 @@ class Scene(Table):
 
     @property
     def is_plastic(self) -> bool:
-        """Return whether a solid or skeleton is plastic."""
-        return any(m.elastic_law().plastic for m in self.material if m.solid)
+        """Return whether a solid or skeleton is plastic, in some stage."""
+        later = (material for stage in self.stage for material in stage.material)
+        return any(m.elastic_law().plastic for m in (*self.material, *later) if m.solid)
 
     @property
     def full_newton(self) -> bool:

@@ -121,7 +121,7 @@ def _require_comparable(before, stage, place):
                 text = "received a condition that has a state, expected it in the first stage"
                 raise wrong(f"{text}; leave the tag out, then it stays", f"{place}.boundary.{i}")
     for i, material in enumerate(stage.material):
-        _require_known_material(before, material, f"{place}.material.{i}")
+        _require_known_material(before, material, stage.active, f"{place}.material.{i}")
 
 
 def _require_solids(before, stage, place):
@@ -152,15 +152,16 @@ def _require_changes(before, stage, place):
         raise wrong(f"{text}; let the mesh of both sides share its nodes", f"{place}.active")
 
 
-def _require_known_material(before, material, key):
-    """Refuse another kind of material, a law with a memory, and regions without entries of their
-    own.
+def _require_known_material(before, material, placed, key):
+    """Refuse another kind of material and a law with a memory, but in regions that are placed, and
+    regions without entries of their own.
     """
     named = set(material.region)
     known = {word for entry in before.material for word in entry.region}
     if named != {"all"} and "all" in known:
         text = "expected region = 'all' as in the stage before; name the regions there"
         raise wrong(f"received {shown(list(material.region))}, {text}", f"{key}.region")
+    named -= set(placed)
     for old in before.material:
         if named != {"all"} and not named & set(old.region):
             continue
@@ -184,6 +185,9 @@ def _require_continued(before, scene, place):
             f" before, {digits(end)} s",
             f"{place}.time.end",
         )
+    if scene.is_porous != before.is_porous:
+        text = "received porous media in a scene of solids, or none in one of porous media"
+        raise wrong(f"{text}, expected both or neither in all stages", f"{place}.material")
     if scene.columns != before.columns:
         lost = sorted(set(before.columns) ^ set(scene.columns))[0]
         text = "expected the same columns of the history in all stages"

@@ -34,7 +34,7 @@ class Place(NamedTuple):
 
 class PointValues:
     """The values of quantities at some points in the accepted state, nan at those in regions that
-    are not there.
+    are not there, or of a fluid that is not.
     """
 
     def __init__(
@@ -77,6 +77,8 @@ class PointValues:
             name, _, axis = quantity.rpartition("_") if quantity != "n_f" else (quantity, "", "")
             column = AXES.get(axis, 0) if quantity != "p" else 0
             values[quantity] = fields[name or quantity][:, column]
+        for name in filter(_is_of_flow, values):  # none in the dry fill of a pit
+            values[name] = np.where(self._is_wet, values[name], np.nan)
         if self._gone is None:
             return values
         return {name: np.where(self._gone, np.nan, found) for name, found in values.items()}

@@ -103,7 +103,7 @@ class Simulation:
         self.measures = Measures(scene, self.coupling, materials_of(scene, mesh))
         self.lines = Lines(scene, self.coupling, self.measures)
         self.quantities = Quantities(scene, self.coupling, self.measures)
-        self.fields = Fields(scene, self.coupling, self.measures)
+        self.fields = Fields(self.scene, self.coupling, self.measures)
 
     def _there(self, number):
         """Return scene and mesh of what is there in a stage (collective)."""
