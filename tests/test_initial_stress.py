@@ -108,6 +108,109 @@ def test_the_components_are_those_of_k0():
         np.testing.assert_allclose(one[name], other[name], rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_weight_above_is_that_of_the_formula(dim):
+    one, other = (
+        solved(ground(dim, 1, load=2e4, stress=stress))[1]
+        for stress in (K0, {"vertical": "weight", "k0": 0.5})
+    )
+    for name in one:
+        scale = np.abs(one[name]).max()
+        np.testing.assert_allclose(other[name], one[name], rtol=0, atol=1e-9 * scale)
+
+
+def layers():
+    """Return saturated ground with a dry fill on it, in which a pit of 2 m is to be dug; the fill
+    rests on sand, that on clay.
+    """
+    scene = ground(stress={"vertical": "weight", "k0": 0.5})
+    scene["mesh"] |= {
+        "x": {"points": [0.0, 1.0], "cells": [1]},
+        "y": {"points": [0.0, 4.0, 8.0, 10.0], "cells": [2, 2, 1]},
+        "regions": [
+            {"name": "clay", "y": [0.0, 4.0]},
+            {"name": "sand", "y": [4.0, 8.0]},
+            {"name": "fill", "y": [8.0, HEIGHT]},
+        ],
+    }
+    clay = scene["material"][0] | {"region": "clay", "porosity": 0.5}
+    sand = scene["material"][0] | {"region": "sand"}
+    dry = {"region": "fill", "solid": clay["solid"] | {"density": 1800.0}}
+    scene["material"] = [clay, sand, dry]
+    sides, bottom, top = scene["boundary"]
+    sides.pop("velocity")
+    bottom.pop("velocity")
+    bottom["pressure"] = 8e4
+    scene["boundary"] = [sides, bottom, {"on": "top", "traction": {"y": 0.0}}]
+    scene["initial"]["pressure"] = "1e4*(8 - y)"
+    scene["probe"] = [
+        {"name": "base", "at": [0.5, 0.0], "quantities": ["stress_xx", "stress_yy", "u_y"]},
+        {"name": "sand", "at": [0.5, 4.0], "quantities": ["stress_yy", "u_y"]},
+        {"name": "floor", "at": [0.5, 8.0], "quantities": ["u_y"]},
+    ]
+    return scene | {"surface": []}
+
+
+def test_layers_rest_under_the_weight_above_until_some_is_taken_away():
+    """γ' = 6.7 kN/m³ of the sand, 5 of the clay, γ = 18 of the dry fill; then the floor heaves by
+    what stood on it, as if there had been no stress.
+    """
+    scene = layers()
+    scene["stage"] = [
+        {
+            "name": "dig",
+            "inactive": ["fill"],
+            "boundary": [{"on": "fill", "pressure": 0.0}],
+            "time": {"end": 1e8},
+        }
+    ]
+    history = solved(scene)[1]
+    fill, sand = 2 * 18e3, 4 * BUOYANT
+    vertical = fill + sand + 4 * 0.5 * 1e3 * GRAVITY
+    rest = slice(1, 3)
+    np.testing.assert_allclose(history["base.stress_yy"][rest], -vertical, rtol=1e-9)
+    np.testing.assert_allclose(history["base.stress_xx"][rest], -vertical / 2, rtol=1e-9)
+    np.testing.assert_allclose(history["floor.u_y"][rest], 0.0, atol=1e-12)
+    assert history["floor.u_y"][-1] == pytest.approx(fill * 8.0 / MODULUS, rel=1e-6)
+    assert history["base.stress_yy"][-1] == pytest.approx(fill - vertical, rel=1e-6)
+
+
+def test_check_tells_that_layers_are_in_balance():
+    simulation = Simulation(load_scene(layers()))
+    text = preview(simulation.present, simulation.coupling, simulation.measures)
+    assert float(re.search(r"out of balance .* by (\S+) of", text)[1]) < 1e-12
+
+
+def beside(scene):
+    """Put clay beside the sand."""
+    scene["mesh"]["x"] = {"points": [0.0, 0.5, 1.0], "cells": [1, 1]}
+    scene["mesh"]["regions"][1]["x"] = [0.5, 1.0]
+    scene["material"][0]["region"] = ["clay", "body"]
+
+
+def shaken(scene):
+    scene["body_force"]["solid"]["y"] = "-10 + x"
+
+
+def graded(scene):
+    scene["material"][0]["solid"] = scene["material"][0]["solid"] | {"density": "2000 - 10*y"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (beside, "'body' and 'sand' at the same height 6 m, of 15000 and 16700 N/m³"),
+        (shaken, "a body force that is a formula"),
+        (graded, "a density or porosity of 'clay' that is a field"),
+    ],
+)
+def test_what_has_not_one_weight_at_a_height_is_refused(change, words):
+    scene = layers()
+    change(scene)
+    with pytest.raises(InputError, match=rf"\[initial.stress.vertical\].*{words}"):
+        Simulation(load_scene(scene))
+
+
 def test_a_surcharge_settles_as_without_the_weight():
     """q H/E_c, and the base bears γ' H + q: the system is linear."""
     q = 2e4

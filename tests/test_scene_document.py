@@ -86,6 +86,7 @@ SPECIAL = {
     Scaling: 'positive number or "optimal"',
     Switch: 'true, false or "auto"',
     Tags: "text or list",
+    conditions.VerticalStress: 'formula or "weight"',
 }
 TEXTS = {"title", "community", "source", "description"}
 PLAIN = {float: "number", int: "integer", str: "text", bool: "true or false"}

@@ -11,7 +11,10 @@ from pydantic import (
     Discriminator,
     Field,
     GetCoreSchemaHandler,
+    PlainSerializer,
+    PlainValidator,
     Strict,
+    ValidationInfo,
     create_model,
     model_validator,
 )
@@ -35,6 +38,7 @@ from .types import (
     Tag,
     Tags,
     Vector,
+    expression,
     wrong,
 )
 
@@ -236,9 +240,23 @@ BodyForces = Annotated[
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
 
+WEIGHT = "weight"  # instead of a formula: what stands above
+
+
+def _weight_or_formula(value: Any, info: ValidationInfo) -> Any:
+    return value if value == WEIGHT else expression(value, info)
+
+
+VerticalStress = Annotated[
+    Any,
+    PlainValidator(_weight_or_formula),
+    PlainSerializer(lambda given: getattr(given, "source", given)),
+]
+
+
 class InitialStress(Table):
     """Effective stress that is there without strain [Pa], tension positive: its components, or the
-    vertical one with k0 times that across.
+    vertical one, a formula or that of the weight above, with k0 times that across.
     """
 
     xx: Formula | None = None
@@ -247,7 +265,7 @@ class InitialStress(Table):
     xy: Formula | None = None
     xz: Formula | None = None
     yz: Formula | None = None
-    vertical: Formula | None = None
+    vertical: VerticalStress | None = None
     k0: Annotated[Number, Field(ge=0)] | None = None
 
     @model_validator(mode="after")

@@ -12,6 +12,7 @@ from ..materials import ELASTIC, PERMEABILITY
 from ..materials.fibres import mirrored
 from ..quantities import OF_STRESS, PLASTIC_STRAIN, SURFACES
 from .conditions import (
+    WEIGHT,
     BodyForce,
     BodyForces,
     Boundary,
@@ -350,6 +351,9 @@ class Scene(Table):
         key = "initial.stress"
         if not self.phases[0]:
             raise wrong("received one without a solid; leave it out", key)
+        if self.initial.stress.vertical == WEIGHT and "fluid" in {m.kind for m in self.material}:
+            text = f"received '{WEIGHT}' beside a free fluid, whose pressure it does not know"
+            raise wrong(f"{text}, expected a formula", f"{key}.vertical")
         if self.dim == 2 and any(pair in given for pair in ((0, 2), (1, 2))):
             raise wrong("received xz or yz in a two-dimensional scene; leave them out", key)
         if self.reference:

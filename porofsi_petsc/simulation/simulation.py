@@ -38,6 +38,7 @@ from .precice import Partner
 from .quantities import Quantities
 from .restart import placed_cells, resume
 from .stages import Left
+from .weight import with_weight
 
 SHORTEST = 1e-9  # step, in those of the scene, that `run` is asked for
 
@@ -87,6 +88,7 @@ class Simulation:
             self._mesh = mesh or local_mesh(self.scene, self.comm)
             if self.places:
                 self._mesh = without_placed(self.scene, self._mesh)
+            self._stages = with_weight(self._stages, self._there(0)[0], self._mesh)
             require_loads(self.scene, self._mesh)
             self._make_parts()
         self.energy = Energy()
