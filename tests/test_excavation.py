@@ -151,6 +151,36 @@ def test_a_new_surface_is_sealed_until_a_stage_drains_it():
     assert p[-1] == pytest.approx(WATER * GRAVITY * FLOOR, rel=1e-6)
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("scheme", [None, "steady"])
+def test_a_gradual_stage_takes_a_part_of_the_weight_in_each_step(scheme):
+    """The floor heaves in proportion to time; what is placed afterwards comes like that too."""
+    scene = column(gradual=True)
+    if scheme:
+        scene["model"] = {}
+        scene["time"]["scheme"] = scheme
+    fill = {"name": "fill", "active": ["upper"], "gradual": True, "time": {"end": 3.0}}
+    scene["stage"].append(fill)
+    history = solved(scene)
+    weight = DENSITY * GRAVITY
+    ends = [settled(weight, YOUNG, height) for height in (HEIGHT, FLOOR, HEIGHT)]
+    exact = np.interp(history["t"][1:], [1.0, 2.0, 3.0], ends)
+    np.testing.assert_allclose(history["floor.u_y"][1:], exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ["partitioned", "direct"])
+def test_a_gradual_stage_takes_a_part_of_the_pressure_of_sealed_ground(scheme):
+    """Undrained the water bears all of it, a part in each step, and nothing heaves."""
+    scene = ground(drained=False, scheme=scheme)
+    scene["stage"][0] |= {"gradual": True}
+    history = solved(scene, MPI.COMM_SELF)
+    gone = SATURATED * (HEIGHT - FLOOR) * np.linspace(0.25, 1.0, 4)
+    np.testing.assert_allclose(history["base.p"][5:], WATER * GRAVITY * HEIGHT - gone, rtol=1e-6)
+    np.testing.assert_allclose(
+        history["floor.u_y"][4:], settled(BUOYANT, MODULUS, HEIGHT), rtol=1e-6
+    )
+
+
 def pit(**changes):
     """Return ground of 8 m x 8 m of which a quarter is taken away in two lifts."""
     scene = ground(**changes)
@@ -216,6 +246,23 @@ def test_a_restart_in_an_excavation_is_the_same_run(tmp_path):
         Simulation.from_scene(scene, MPI.COMM_SELF, restart=paths[1])
 
 
+def test_a_restart_in_a_gradual_stage_is_the_same_run(tmp_path):
+    scene = pit()
+    for stage in scene["stage"]:
+        stage["gradual"] = True
+    with Simulation.from_scene(scene, MPI.COMM_SELF) as whole:
+        whole.run(until=1.75 * LONG)
+        path = whole.checkpoint(tmp_path)
+        whole.run()
+    with Simulation.from_scene(scene, MPI.COMM_SELF, restart=path) as rest:
+        rest.run()
+        for name in whole.fields:
+            np.testing.assert_array_equal(rest.fields[name], whole.fields[name])
+    scene["stage"][1]["time"]["end"] = 3 * LONG
+    with pytest.raises(InputError, match=r"\[stage.1.time.end\]"):
+        Simulation.from_scene(scene, MPI.COMM_SELF, restart=path)
+
+
 def test_an_excavation_may_follow_a_run_at_its_end(tmp_path):
     """The surfaces toward regions do not belong to what a checkpoint knows of the mesh."""
     scene = ground()
@@ -240,6 +287,10 @@ def test_a_scene_with_an_excavation_loads_again():
         ({"inactive": ["roof"]}, r"\[stage.0.inactive\]: the mesh has no region 'roof'"),
         ({"inactive": ["body", "upper"]}, r"received all regions"),
         ({"inactive": ["body"]}, r"(?i)rigid"),
+        (
+            {"gradual": True, "model": {"solid_inertia": True}},
+            r"\[stage.0.gradual\]: received true with inertia",
+        ),
         (
             {"inactive": ["upper", "upper"]},
             r"\[stage.0.inactive\]: received 'upper', which is taken",
@@ -286,12 +337,13 @@ def test_a_material_of_what_is_taken_away_is_refused():
 def test_check_says_what_a_stage_changes():
     scene = column(boundary=[{"on": "upper", "traction": {"y": -1.0}}], reset_displacement=True)
     fill = {"name": "fill", "active": ["upper"], "load": [], "time": {"end": 3.0}}
+    fill["gradual"] = True
     said = check(load_scene(scene | {"stage": [*scene["stage"], fill]}))
     assert (
         "'dig': to t = 2 s in 2 steps of 0.5 s; takes away upper; changes [[boundary]] of" in said
     )
     assert "upper; resets displacements" in said
-    assert "'fill': to t = 3 s in 2 steps of 0.5 s; places upper; ends [[load]]" in said
+    assert "'fill': to t = 3 s in 2 steps of 0.5 s; places upper; ends [[load]]; all of it" in said
 
 
 def test_a_surface_that_is_taken_away_is_refused():

@@ -106,6 +106,7 @@ class Scene(Table):
     _inactive: tuple[str, ...] = PrivateAttr(())
     _placed: tuple[str, ...] = PrivateAttr(())
     _changing: tuple[str, ...] = PrivateAttr(())
+    _gradual: bool = PrivateAttr(False)
     _absent_kinds: tuple[tuple[str, str], ...] = PrivateAttr(())
 
     @property
@@ -217,6 +218,11 @@ class Scene(Table):
         """
         changes = [(stage.inactive, stage.active) for stage in self.stage]
         return (*self._inactive, *absent_at_start(changes))
+
+    @property
+    def gradual(self) -> bool:
+        """Return whether what the stage changes comes over its duration."""
+        return self._gradual
 
     @property
     def kinds_there(self) -> set[str]:

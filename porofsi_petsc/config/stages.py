@@ -24,7 +24,8 @@ class Stage(Table):
 
     time : its end on the clock of the run, and its own steps; boundary : all that holds on the tags
     named, material : of the regions named; inactive : regions that are taken away; active : regions
-    that are placed; reset_displacement : report it from the start of the stage on
+    that are placed; gradual : all of this comes over the duration of the stage, not at once;
+    reset_displacement : report it from the start of the stage on
     """
 
     name: Name
@@ -38,6 +39,7 @@ class Stage(Table):
     coupling: dict[str, Any] | None = None
     inactive: Annotated[tuple[Name, ...], ListOf()] = ()
     active: Annotated[tuple[Name, ...], ListOf()] = ()
+    gradual: bool = False
     reset_displacement: bool = False
 
 
@@ -79,11 +81,15 @@ def following(before: S, stage: Stage, number: int) -> S:
     except ValidationError as error:
         raise _in_stage(error, kept, place) from None
     _require_continued(before, scene, place)
+    if stage.gradual and scene.model.solid_inertia:
+        text = "received true with inertia of the solid, which answers at once, expected a model"
+        raise wrong(f"{text} with solid_inertia = false; leave it out", f"{place}.gradual")
     scene.time._begins = before.time.end
     left = (name for name in before.inactive if name not in stage.active)
     scene._inactive = (*left, *stage.inactive)
     scene._placed = (*before.placed, *stage.active)
     scene._changing = before.changing
+    scene._gradual = stage.gradual
     scene._source_path = before.source_path
     return scene
 
@@ -130,11 +136,12 @@ def _require_solids(before, stage, place):
         text = "received true without a solid, which alone has displacements; leave it out"
         raise wrong(text, f"{place}.reset_displacement")
     kinds = {material.kind for material in before.material}
-    for key in CHANGES:
+    for key in (*CHANGES, "gradual"):
         names = getattr(stage, key)
         if names and "fluid" in kinds:
+            received = names if names is True else list(names)
             text = "expected a scene without a free fluid; leave it out"
-            raise wrong(f"received {shown(list(names))}, {text}", f"{place}.{key}")
+            raise wrong(f"received {shown(received)}, {text}", f"{place}.{key}")
 
 
 def _require_changes(before, stage, place):

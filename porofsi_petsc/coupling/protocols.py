@@ -10,6 +10,7 @@ from ..fem.distribute import LocalMesh
 from ..fem.domain import Domain
 from ..phases.block import LinearBlock
 from ..phases.coupling_data import Flow, MeshState, Rates
+from ..phases.fading import FadingForce
 from ..phases.internal import InternalVariables
 from ..phases.residual import Residual
 from ..phases.setup import FreeFluidSetup, PhaseSetup, PoreFluidSetup
@@ -47,6 +48,7 @@ class Solid(Phase, Protocol):
 
     u: np.ndarray
     internal: InternalVariables
+    fading: FadingForce | None
 
     @property
     def is_plastic(self) -> bool: ...

@@ -103,13 +103,15 @@ class SolidSetup(PhaseSetup):
     """Common to the skeleton and a solid without pores: essential displacement.
 
     reaction : whether the force on its boundary is kept from step to step; loads : on points and
-    lines; initial_stress : beside that of the laws
+    lines; initial_stress : beside that of the laws; fading : from when to when a force balances
+    what a stage has changed [s]
     """
 
     dirichlet: Dirichlet
     reaction: bool = False
     loads: tuple[ConcentratedLoad, ...] = ()
     initial_stress: InitialStress | None = None
+    fading: tuple[float, float] | None = None
 
     @property
     def mask(self) -> np.ndarray:

@@ -19,6 +19,7 @@ from ..materials.elastic import ElasticLaw
 from ..tensors import det_minus_one
 from .block import LinearBlock
 from .coupling_data import Flow, MeshState, Rates
+from .fading import FadingForce
 from .internal import InternalVariables
 from .kept_force import KeptForce
 from .line_search import shorten
@@ -81,6 +82,8 @@ class SolidPhase:
         self._t_end = self._t_alpha = 0.0  # of the trial step and its collocation level [s]
         self.surfaces = SurfaceTerms(self.mesh.n_owned, self.mesh.dim, setup.surfaces)
         self.kept = KeptForce(self.mesh.n_owned, self.mesh.dim)
+        span = setup.fading
+        self.fading = FadingForce(span, self.mesh.n_owned, self.mesh.dim) if span else None
         constraints = setup.dirichlet.constraints
         self.block = LinearBlock(setup, self.prefix, setup.mask, setup.new_solver, constraints)
 
@@ -357,11 +360,15 @@ class SolidPhase:
         return (self.domain.cells.shape[1] * self.mesh.dim) ** 2
 
     def _body_vector(self, t):
-        """Return -∫ ρ_s b·w dV0 and minus the concentrated loads, (n_owned, d); zero without."""
+        """Return -∫ ρ_s b·w dV0, minus the concentrated loads and minus what fades, (n_owned, d);
+        zero without.
+        """
         nodal = np.zeros((self.mesh.n_owned, self.mesh.dim))
         for load in self.setup.loads:
             load.add_to(nodal, t)
         nodal *= -1
+        if self.fading:
+            nodal -= self.fading.at(t)
         if not self.setup.body_force:
             return nodal
         domain = self.domain
@@ -605,6 +612,8 @@ class SolidPhase:
         n = self.mesh.n_owned
         fields = {"u": self.u[:n], "v": self.v[:n], "a": self.a[:n]}
         kept = self.kept.state() if self.setup.reaction else {}
+        if self.fading:
+            kept["fading"] = self.fading.at_start
         return fields | kept | self._rule.state(n) | self.internal.state()
 
     def memory(self) -> dict[str, Any]:
@@ -623,6 +632,8 @@ class SolidPhase:
         self.surfaces.load(memory.get("surfaces", {}))
         if self.setup.reaction:
             self.kept.load(arrays, memory)
+        if self.fading:
+            self.fading.at_start = arrays["fading"]
         self._accepted_configuration = None
         self.reset()
         point = self._rule.load(arrays, memory, self.mesh)

@@ -228,6 +228,12 @@ class Builder:
         formulas = {pair: times(*entry) for pair, entry in given.items()}
         return InitialStress(domain, formulas, self.scene.placed) if formulas else None
 
+    @property
+    def fading(self) -> tuple[float, float] | None:
+        """Return begin and end of a stage whose changes come little by little [s], else None."""
+        time = self.scene.time
+        return (time.begins, time.end) if self.scene.gradual else None
+
     def medium(self) -> Medium:
         """Return the coupling scheme with its phases (collective)."""
         raise NotImplementedError

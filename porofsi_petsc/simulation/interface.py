@@ -284,6 +284,7 @@ class InterfaceBuilder(Builder):
             surfaces=surfaces,
             loads=concentrated_loads(self.scene, domain, self.components),
             initial_stress=self.initial_stress(domain),
+            fading=self.fading,
             robin=self._masses[1] if self._pair == "robin_robin" else None,
             driven=self.transfer.fluid_nodes if self._pair == "neumann_dirichlet" else None,
             reaction=not all(

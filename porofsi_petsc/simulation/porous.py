@@ -66,6 +66,7 @@ class PorousBuilder(Builder):
             surfaces=surfaces,
             loads=concentrated_loads(scene, self.domain, self.components),
             initial_stress=self.initial_stress(self.domain),
+            fading=self.fading,
             fluid=self._pores,
             with_hessian=model.viscosity,
             mass_scaling=scene.coupling.mass_scaling,

@@ -134,6 +134,7 @@ def _changes(stage):
     changed += [f"[{name}]" for name in (*REPLACED, *SETTINGS[1:]) if getattr(stage, name)]
     found += [f"changes {', '.join(changed)}"] if changed else []
     found += [f"ends [[{name}]]" for name in REPLACED if getattr(stage, name) == ()]
+    found += ["all of it little by little"] if stage.gradual else []
     found += ["resets displacements"] if stage.reset_displacement else []
     return "; ".join(found) or "changes nothing but the steps"
 

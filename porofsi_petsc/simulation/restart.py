@@ -180,7 +180,7 @@ def _fixed(scene, other, stage):
     """
     fixed: dict = {section: scene.get(section) for section in FIXED}
     past = scene.get("stage", [])[:stage]
-    keys = (*FIXED, "tie", "inactive", "active", "reset_displacement")
+    keys = (*FIXED, "tie", "inactive", "active", "gradual", "reset_displacement")
     changes = [[entry.get(key, ()) for key in CHANGES] for entry in scene.get("stage", [])]
     fixed["stage.active"] = absent_at_start(changes)
     fixed["stage"] = [{key: entry.get(key) for key in keys} for entry in past]
@@ -188,6 +188,8 @@ def _fixed(scene, other, stage):
         fixed["time"] = {"end": scene["time"]["end"]}
     for entry, over in zip(fixed["stage"], past[:-1], strict=False):  # without the present one
         entry["time"] = {"end": over["time"].get("end")}
+    if past and past[-1].get("gradual"):  # its end is in the force that fades
+        fixed["stage"][-1]["time"] = {"end": past[-1]["time"].get("end")}
     fixed["initial"] = {"stress": scene.get("initial", {}).get("stress")}  # acts at all times
     if "reference" in scene and "reference" in other:
         fixed["reference"] = {key: scene["reference"].get(key) for key in COMPARED}

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 SURFACES = ("solid", "fluid")
 INTERNAL = f"solid.{ARRAY}"
+FADING = "solid.fading"
 
 
 class Left:
@@ -71,9 +72,12 @@ class Left:
             loop.auto.resume(self._memory)
             simulation.measures.remodel(loop.auto.scene)
         schemes, rates = loop.clock.next_schemes(loop.model)
-        coupling.load_state(
-            self._within(coupling), self._with_linear(coupling, rates), schemes, rates
-        )
+        arrays = self._within(coupling)
+        memory = self._with_linear(coupling, rates)
+        coupling.load_state(arrays, memory, schemes, rates)
+        if coupling.solid.fading:  # the tangents are made again, as a restart does
+            arrays[FADING] = _unbalanced(coupling, schemes, rates, loop.clock.t)
+            coupling.load_state(arrays, memory, schemes, rates)
         for name, memories in self._surfaces.items():
             surfaces = getattr(coupling, name).surfaces
             keys = [key for key in surfaces.memory() if _kind(key) in memories]
@@ -98,6 +102,8 @@ class Left:
                 kind, _, key = name.partition(".")
                 if kind == phase and key != "u" and not is_of_cells(name):
                     found[name] = np.where(gone.reshape(-1, *(1,) * (array.ndim - 1)), 0.0, array)
+        if coupling.solid.fading:  # of this stage, which is found from the others
+            found[FADING] = coupling.solid.fading.at_start
         return found
 
     def _remembered(self, coupling):
@@ -120,6 +126,21 @@ class Left:
         made = {"rates": [rates.c_f, rates.c_v, rates.c_a], "built_with": None}
         linear = [name for name in SURFACES if getattr(coupling, name).is_linear]
         return self._memory | {name: self._memory[name] | made for name in linear}
+
+
+def _unbalanced(coupling, schemes, rates, t):
+    """Return what balances the accepted state under what acts in the first step, (n_owned, d) [N]:
+    minus the residual of solid and fluid together, in which the drag cancels (collective).
+    """
+    solid, fluid = coupling.solid, coupling.fluid
+    n = solid.mesh.n_owned
+    coupling.begin_phases(schemes, rates, t)
+    solid.unknowns = solid.u[:n]
+    fluid.unknowns = np.column_stack([fluid.v[:n], fluid.p[:n]])
+    flows = fluid.residual(coupling.mesh_state())
+    residual = solid.residual(coupling.flow(flows)).total + flows[0].total
+    coupling.reset()
+    return solid.setup.dirichlet.free(residual)
 
 
 def _memories(surfaces: SurfaceTerms) -> dict:
