@@ -60,6 +60,16 @@ def test_all_strong_schemes_move_it_alike(way, tmp_path):
         assert largest_difference(b[name], a[name]) < 1e-8
 
 
+def test_told_its_velocity_by_the_fluid_it_moves_alike_in_short_steps(tmp_path):
+    """Where no step is cut: what differs in longer ones is the time step."""
+    short = "time.end=3.125e-5", "time.step=1.5625e-5", "coupling.tolerance=1e-10"
+    a = run(tmp_path / "a", *short)
+    way = "coupling.interface=neumann_dirichlet", "coupling.max_iterations=100"
+    b = run(tmp_path / "b", *short, *way)
+    assert len(a["t"]) == len(b["t"]) == 3
+    assert largest_difference(b["centre.v_y"], a["centre.v_y"]) < 1e-8
+
+
 def test_a_disk_of_the_density_of_the_fluid_stays_at_rest(tmp_path):
     """The pressure of the fluid at rest is its initial stress."""
     stress = ", ".join(f'{name}="9810*y"' for name in ("xx", "yy", "zz"))

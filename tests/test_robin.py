@@ -16,6 +16,7 @@ from porofsi_petsc.coupling.robin import (
     solid_impedance,
 )
 from porofsi_petsc.phases.coupling_data import Rates
+from porofsi_petsc.simulation.simulation import Simulation
 from porofsi_petsc.studies.trial import attempt
 
 RATES = Rates(c_f=200.0, c_v=200.0, c_a=4e4)
@@ -110,18 +111,69 @@ def end_state(scene):
     return found
 
 
-@pytest.mark.parametrize("pair", ["robin_neumann", "robin_robin"])
-def test_all_pairs_end_in_the_same_step_where_the_wall_is_clamped(pair):
+FREE_END = [
+    {"on": "left", "traction": {"x": 100.0}},
+    {"on": "right", "traction": {"x": -60.0}},
+    {"on": ["top", "wall_right"]},
+    {"on": "wall_left", "displacement": HELD},
+    {"on": "bottom", "velocity": HELD},
+]
+
+
+@pytest.mark.parametrize("pair", ["robin_neumann", "robin_robin", "condensed"])
+@pytest.mark.parametrize("changes", [{}, {"boundary": FREE_END}], ids=["clamped", "free end"])
+def test_all_pairs_end_in_the_same_step(pair, changes):
     """The fluid sticks to a node that a support holds: the reaction of the support is no part of
-    the balance of the two.
+    the balance of the two.  Nor is what presses the fluid where the end of the wall is free.
     """
-    expected = end_state(channel("dirichlet_neumann"))
-    found = end_state(channel(pair))
+    expected = end_state(channel("dirichlet_neumann", **changes))
+    found = end_state(channel(pair, **changes))
     for name, field in expected.items():
         error = np.abs(found[name] - field).max() / np.abs(field).max()
         print(f"{pair} {name}: {error:.1e}")
         assert error < 1e-8  # the tolerance 1e-11 of the forces times the condition of a step
     assert expected["u"].max() > 1e-8
+
+
+@pytest.mark.parametrize("scheme", ["partitioned", "direct"])
+def test_a_pressed_fluid_presses_a_wall_across_alone(scheme):
+    """A fluid at rest under a pressure at both ends: the wall beside it, one end free, is squeezed
+    evenly, σ_yy = -p and σ_xx = 0, and holds no force along; the tractions on the fluid do not act
+    on the ends of the wall.
+    """
+    pressure, young, poisson = 100.0, 1e12, 0.3  # so stiff that the load does not turn
+    boundary = [
+        {"on": "left", "traction": {"x": pressure}},
+        {"on": "right", "traction": {"x": -pressure}},
+        {"on": "wall_left", "displacement": {"x": 0.0}},
+        {"on": "wall_right"},
+        {"on": "top", "displacement": {"y": 0.0}},
+        {"on": "bottom", "velocity": HELD},
+    ]
+    solid = {"law": "linear_elastic", "young": young, "poisson": poisson, "density": 1200.0}
+    scene = channel(
+        "auto",
+        boundary=boundary,
+        material=[
+            {"region": "body", "fluid": {"density": 1000.0, "viscosity": 1e-2}},
+            {"region": "wall", "solid": solid},
+        ],
+        time={"scheme": "steady", "step": 1.0, "end": 1.0},
+        coupling={"scheme": scheme, "tolerance": 1e-10},
+        model={"viscosity": True, "solid_inertia": False, "fluid_inertia": False},
+        force=[{"name": "end", "on": "wall_left"}, {"name": "back", "on": "top"}],
+    )
+    simulation = Simulation(scene)
+    simulation.run()
+    solid = simulation.coupling.solid
+    (x, y), u = solid.mesh.X[solid.domain.holds].T, solid.u[solid.domain.holds]
+    strain = pressure * (1 + poisson) / young * np.array([poisson, poisson - 1])
+    exact = np.column_stack([strain[0] * x, strain[1] * (y - 0.022)])
+    assert np.abs(u - exact).max() < 1e-9 * np.abs(exact).max()
+    end, back = (
+        simulation.history[f"{name}.f_{axis}"][-1] for name, axis in (("end", "x"), ("back", "y"))
+    )
+    assert abs(end) < 1e-9 * pressure * 0.1 and abs(back - pressure * 0.1) < 1e-9 * pressure * 0.1
 
 
 def test_the_fluid_sticks_to_the_solid_from_the_start():

@@ -7,7 +7,7 @@ import pytest
 from running import SCENES, Job, history, needs_mpirun, run_here, run_on
 from scipy.integrate import solve_ivp
 
-from porofsi_petsc.errors import InputError
+from porofsi_petsc.errors import InputError, LimitError
 
 SCENE = str(SCENES / "outlet.toml")
 FLAP = str(SCENES / "flap.toml")
@@ -230,3 +230,27 @@ def test_it_excludes_a_normal_velocity_on_its_surface(tmp_path):
     message = r"boundary.1.windkessel\]: tag 'right' has a prescribed normal velocity"
     with pytest.raises(InputError, match=message):
         run_here(Job(SCENE, str(tmp_path), (outlet(), "boundary.1.velocity.x=0.0")))
+
+
+def test_a_resistance_whose_pressure_hides_the_flow_is_an_error(tmp_path):
+    """Pressures of 1e15 Pa: the round-off of their gradient moves the fluid more than the inflow
+    does, and the first step makes a third of what flows through it.
+    """
+    hard = "boundary.1.windkessel.proximal=1e20", "time.end=0.04"
+    sentence = r"\[limits\] volume: at t = 0.02 s the fluid has made 0\.\d+ > 0\.01 of the volume"
+    with pytest.raises(LimitError, match=sentence):
+        run_here(Job("windkessel", str(tmp_path / "error"), hard))
+    reported = run_here(Job("windkessel", str(tmp_path / "said"), (*hard, "limits.volume=report")))
+    assert reported["volume_error"] > 0.01
+    usual = run_here(Job("windkessel", str(tmp_path / "usual"), ("time.end=0.04",)))
+    assert usual["volume_error"] == 0.0
+
+
+def test_what_was_made_goes_on_from_a_checkpoint(tmp_path):
+    hard = "boundary.1.windkessel.proximal=1e20", "limits.volume=report", "time.end=0.04"
+    hard = *hard, "output.checkpoint_every=1"
+    whole = run_here(Job("windkessel", str(tmp_path / "whole"), hard))
+    run_here(Job("windkessel", str(tmp_path / "half"), (*hard, "time.end=0.02")))
+    file = str(tmp_path / "half/checkpoint.h5")
+    half = run_here(Job("windkessel", str(tmp_path / "half"), hard, restart=file))
+    assert half["volume_error"] == whole["volume_error"] > 0

@@ -90,9 +90,7 @@ class InterfaceMedium(Medium):
 
     def flow(self, fluid_residuals: tuple[Residual, Residual]) -> Flow:
         """Return the fluid's force on the interface, (n_owned, d) [N]."""
-        return self._with_force(
-            np.where(self._on_fluid, self.fluid.boundary_force(fluid_residuals[0]), 0.0)
-        )
+        return self._with_force(np.where(self._on_fluid, -fluid_residuals[0].unconstrained, 0.0))
 
     def _with_force(self, force: np.ndarray) -> Flow:
         flow = self.fluid.flow()

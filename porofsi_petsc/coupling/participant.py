@@ -47,7 +47,7 @@ class FluidParticipant(Participant):
 
     def answer(self) -> np.ndarray:
         """Return the force on the interface at the end of the trial step, (N, d) [N]."""
-        return self.fluid.end_force[self.nodes]
+        return self.fluid.end_interface_force[self.nodes]
 
 
 class SolidParticipant(Participant):

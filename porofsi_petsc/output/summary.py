@@ -135,6 +135,11 @@ SUMMARY_KEYS = {
         "norm of the pressure minus its average over the elements of each node (interior nodes),"
         " over the norm of the pressure, each the largest of the run [-]"
     ),
+    "volume_error": (
+        "volume that a free fluid has made, by what its solution leaves of div v = 0, over what"
+        " flowed through its boundary, both since the start; 0 where it is less than 1e-6 of the"
+        " fluid [-]"
+    ),
     "errors": (
         "one record per time of [reference] and for the end: at (asked for) and t (end of the step)"
         " [s], relative errors u or v (over the exact one) and p (over its size under the sudden"

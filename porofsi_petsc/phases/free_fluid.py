@@ -105,10 +105,18 @@ class FreeFluid(FluidPhase):
         """Return `boundary_force` at the end of the converged trial step, (n_owned, d) [N]."""
         return self._at_end(self._force0, self.boundary_force(self._momentum))
 
+    @property
+    def end_interface_force(self) -> np.ndarray:
+        """Return `end_force` without the tractions that are given on other boundaries, which those
+        of the step stand for, (n_owned, d) [N]: on nodes of an interface what it feels.
+        """
+        return self.end_force - self._momentum.terms["traction"]
+
     @timed("residual")
     def interface_force(self, mesh_state: MeshState) -> np.ndarray:
-        """Return `boundary_force` of the trial state on the interface, (n_owned, d) [N], from the
-        elements that touch it.
+        """Return the force of the trial state on the interface, (n_owned, d) [N], from the elements
+        that touch it: minus their residual, without what the last one has of given tractions on
+        other boundaries of its rim.
         """
         domain = self.domain
         force = np.zeros((domain.n_local, domain.dim))
@@ -116,7 +124,8 @@ class FreeFluid(FluidPhase):
             elements = self._elements(region, rows, mesh_state.configuration)
             momentum, _ = kernel.flow_residual(elements, self._trial_fields(mesh_state).on(rows))
             np.subtract.at(force, domain.cells[rows], momentum.sum(axis=0))
-        return np.where(self.setup.no_slip[:, None], force, 0.0)[: domain.n_owned]
+        force = force[: domain.n_owned] - self._momentum.terms["traction"]
+        return np.where(self.setup.no_slip[: domain.n_owned, None], force, 0.0)
 
     @cached_property
     def _beside_interface(self):

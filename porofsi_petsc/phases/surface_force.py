@@ -124,10 +124,14 @@ class SurfaceForce:
         return force.sum(axis=0)
 
     def of_others(self, state: State) -> np.ndarray:
-        """Return what other boundaries have in the residual on the surface, (n_owned, d) [N]."""
+        """Return what other boundaries have in the residual on the surface beside given tractions,
+        (n_owned, d) [N].
+        """
         others = np.zeros_like(state.residual)
         if len(self._rim):
-            others[self._rim] = state.residual[self._rim] - self._split(state)
+            given = [np.zeros((len(self._rim), self._components)) for _ in range(2)]
+            self._add_loads(state, given)
+            others[self._rim] = state.residual[self._rim] - self._split(state) - given[1]
         return others
 
     def _split(self, state):
@@ -140,7 +144,7 @@ class SurfaceForce:
             [self._on_rim(self._facets[chosen], values[chosen]) for chosen in (own, ~own)]
             for values in (tractions, areas)
         )
-        self._subtract_loads(state, parts)
+        self._add_loads(state, parts)
         total = sum(shares)
         fraction = np.divide(shares[0], total, out=np.zeros_like(total), where=total > 0)
         return parts[0] + fraction * (state.residual[self._rim] - sum(parts))
@@ -177,8 +181,8 @@ class SurfaceForce:
         """Return the areas of the facets, (F,) [m^(d-1)]."""
         return facet_areas(self._domain.element, self._positions(state)[self._facets])
 
-    def _subtract_loads(self, state, parts):
-        """Subtract the given tractions from the parts, own and others, (R, k) each, in place."""
+    def _add_loads(self, state, parts):
+        """Add the given tractions to the parts, own and others, (R, k) each, in place."""
         for nodes, vectors in state.given:
             self._add_where_free(parts, nodes, vectors)
 

@@ -64,7 +64,7 @@ class InterfaceForces:
         return State(fluid.force, t, u, fluid.v, through, fluid.p, given)
 
     def _solid(self, t, flow):
-        """Return the state of the solid; what a fluid does to other walls at the rim of the
+        """Return the state of the solid; what holds a fluid on other boundaries at the rim of the
         interface is not its load.
         """
         solid = self._coupling.solid

@@ -78,6 +78,7 @@ MEASURES = {
     "roughness": SIZE,
     "largest_pressure": SIZE,
     "errors": [ERROR],
+    "volume?": {"made": NUMBER, "passed": SIZE},
 }
 CONTROL = {
     "times": {"u": [SIZE], "p": [SIZE]},

@@ -366,6 +366,7 @@ class TimeLoop:
         self._energy.add_step(dt, powers, *coupling.energies())
         self._measures.watch_pressure(coupling.fluid.p)
         self._measures.watch_neglected(sizes, dt, clock)
+        self._measures.watch_volume(dt)
         self._measures.compare(clock, coupling.solid, coupling.fluid)
 
     def _require_options_used(self):

@@ -31,6 +31,7 @@ from .builder import materials_of
 from .flow_reference import FlowComparison
 from .lasting import Lasting
 from .reference import Comparison
+from .volume import VolumeBalance
 
 if TYPE_CHECKING:
     from .loop import Clock
@@ -137,6 +138,8 @@ class Measures:
         self.datum: np.ndarray | None = None
         self._interior = self._interior_nodes()
         self.comparison = self._comparison(scene) if scene.reference else None
+        flows = scene.phases[1] and not scene.is_porous
+        self.volume = VolumeBalance(coupling, scene.limits.volume) if flows else None
 
     def _comparison(self, scene):
         return (
@@ -251,6 +254,16 @@ class Measures:
         """Return the largest |p - p̄| over the largest |p| of the run."""
         return self.roughness / self.largest_pressure if self.largest_pressure else 0.0
 
+    def watch_volume(self, dt: float) -> None:
+        """Record what the accepted step of size dt made of volume (collective)."""
+        if self.volume:
+            self.volume.add_step(dt)
+
+    @property
+    def volume_error(self) -> float:
+        """Return the volume that a free fluid has made over what flowed through it [-]."""
+        return self.volume.error if self.volume else 0.0
+
     def compare(self, clock: Clock, solid: Solid, fluid: Fluid) -> None:
         """Record the errors against the scene's exact solution where they are due (collective)."""
         if self.comparison:
@@ -309,7 +322,11 @@ class Measures:
             self.sizes[name] = max(self.sizes[name], found)
 
     def require_limits(self, t: float) -> None:
-        """Raise LimitError when a neglected term has passed its bound."""
+        """Raise LimitError when a neglected term, or what a free fluid makes of volume, has passed
+        its bound.
+        """
+        if self.volume:
+            self.volume.require(t)
         for omission in self.omissions:
             size = self.sizes[omission.name]
             if omission.bound is not None and size > omission.bound:
@@ -339,6 +356,7 @@ class Measures:
             "roughness": self.roughness,
             "largest_pressure": self.largest_pressure,
             "errors": errors,
+            "volume": self.volume.state() if self.volume else None,
         }
 
     def load(self, state: dict[str, Any], t: float) -> None:
@@ -354,6 +372,8 @@ class Measures:
         self.largest_pressure = state["largest_pressure"]
         if self.comparison:
             self.comparison.resume(state["errors"], t)
+        if self.volume and state.get("volume"):
+            self.volume.load(state["volume"])
 
     def _maximum(self, cell_values):
         local = float(cell_values.max()) if cell_values.size else 0.0

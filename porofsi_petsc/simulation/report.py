@@ -67,6 +67,7 @@ def summarize(
         "switched": loop.auto.switched if loop.auto else [],
         "neglected": measures.neglected(),
         "oscillation_indicator": measures.oscillation_indicator,
+        "volume_error": measures.volume_error,
         "errors": measures.comparison.errors() if measures.comparison else [],
         **judgement,
         "files": files,
