@@ -88,7 +88,8 @@ class Limits(Table):
     number without convection; inertia: lasting inertial over largest force;
     porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force
     without the Brinkman term; locking: Poisson ratio of a solid without pores on linear elements;
-    stabilization: dissipation of the stabilization of a free fluid over the work of all loads.
+    stabilization: dissipation of the stabilization of a free fluid over the work of all loads;
+    slip: that along a porous solid which the mesh does not resolve, over the largest speed.
     """
 
     strain: Limit = 0.05
@@ -99,6 +100,7 @@ class Limits(Table):
     viscosity: Limit = 0.1
     locking: Limit = 0.49
     stabilization: Limit = 0.15
+    slip: Limit = 0.02
 
 
 # Bound in [limits] of every term of [model]; a term that is "auto" is switched on there.
