@@ -52,10 +52,7 @@ def channel(alpha, cells=8, scheme="direct"):
         },
         "time": {"scheme": "steady", "end": 1.0, "step": 1.0},
         "material": [{"region": "body", "fluid": {"density": 1.0, "viscosity": MU}}, bed],
-        "body_force": [  # in the place of the pressure; the pores have n_f of the density
-            {"on": "body", "fluid": {"x": GRADIENT}},
-            {"on": "bed", "fluid": {"x": GRADIENT / 0.4}},
-        ],
+        "body_force": {"fluid": {"x": GRADIENT}},  # in the place of the pressure
         "boundary": [
             {"on": ["left", "right"], "velocity": {"y": 0.0}},
             {"on": ["bed_left", "bed_right"], "velocity": {"y": 0.0}, "displacement": {"x": 0.0}},
