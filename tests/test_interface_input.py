@@ -50,11 +50,11 @@ WRONG = {
             r" porosity and permeability"
         ),
     ),
-    "porous solid, partitioned": (
-        [f"material=[{FLUID}, {POROUS}]"],
+    "porous solid, one way": (
+        [f"material=[{FLUID}, {POROUS}]", "coupling.scheme=one_way"],
         (
-            r"\[coupling\.scheme\]: received 'partitioned' with a porous material beside a free"
-            r" fluid, expected 'quasi_direct' or"
+            r"\[coupling\.scheme\]: received 'one_way' with a porous material beside a free"
+            r" fluid, expected 'partitioned', 'quasi_direct' or 'direct'"
         ),
     ),
     "pressure": (

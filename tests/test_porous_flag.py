@@ -155,6 +155,7 @@ BESIDE_A_BLOCK = (
     "boundary.2={on='right'}",
     "model.moving_mesh=true",
     "limits.stabilization=report",
+    "limits.slip=report",  # 3 % on these cells: the schemes are compared, and Darcy's drop
     "probe=[]",
     "force=[{name='block', on='interface of block'}, {name='plug', on='interface of plug'}]",
     "surface=[{name='out', on='right', quantities=['flow_rate']}]",

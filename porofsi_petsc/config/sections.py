@@ -89,7 +89,8 @@ class Limits(Table):
     porosity_change: of n_f over n_f with constant porosity; viscosity: viscous over drag force
     without the Brinkman term; locking: Poisson ratio of a solid without pores on linear elements;
     stabilization: dissipation of the stabilization of a free fluid over the work of all loads;
-    volume: that a free fluid makes over what flows through it.
+    volume: that a free fluid makes over what flows through it;
+    slip: that along a porous solid which the mesh does not resolve, over the largest speed.
     """
 
     strain: Limit = 0.05
@@ -101,6 +102,7 @@ class Limits(Table):
     locking: Limit = 0.49
     stabilization: Limit = 0.15
     volume: Limit = 0.01
+    slip: Limit = 0.02
 
 
 # Bound in [limits] of every term of [model]; a term that is "auto" is switched on there.

@@ -13,9 +13,9 @@ from .protocols import PoreFluid
 GUARDS = {"corrected": (0.6, 2.0), "plain": (0.05, 1.6)}
 
 
-class PorousCoupling(PartitionedMedium):
-    """Skeleton with frozen pressure and drag, then fluid on the new skeleton, one Newton step each,
-    to true residuals of zero.
+class DragSweep(PartitionedMedium):
+    """Skeleton with a frozen flow, then fluid on the new skeleton, one Newton step each, to true
+    residuals of zero.
 
     The fluid comes last, so that a sweep ends, and is judged, with a drag that fits the pressure.
 
@@ -24,8 +24,6 @@ class PorousCoupling(PartitionedMedium):
     first sweep of a step is taken as it is: it answers the new load, the others the coupling
     (measured: else IQN-ILS, which reuses old answers, takes one sweep more).
     """
-
-    fluid: PoreFluid
 
     def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         super()._begin(t, rates, accepted)
@@ -58,12 +56,7 @@ class PorousCoupling(PartitionedMedium):
         """Correct the skeleton, whose residual is given beside that of the fluid's momentum, and
         return what carries the fluid then.
         """
-        solid = self.solid
-        velocity = solid.velocity
-        solid.correct(residual.total + self.fluid.unbalanced(momentum))
-        mesh_state = self.mesh_state()
-        self.fluid.drag_along(mesh_state.velocity - velocity)
-        return mesh_state
+        raise NotImplementedError
 
     @property
     def _unknowns(self) -> np.ndarray:
@@ -86,3 +79,17 @@ class PorousCoupling(PartitionedMedium):
 
     def _dot(self, a: np.ndarray, b: np.ndarray) -> float:
         return self.dot(a * self._weights, b)
+
+
+class PorousCoupling(DragSweep):
+    """The sweeps of a porous medium, its skeleton with frozen pressure and drag."""
+
+    fluid: PoreFluid
+
+    def _corrected_mesh(self, residual: Residual, momentum: Residual) -> MeshState:
+        solid = self.solid
+        velocity = solid.velocity
+        solid.correct(residual.total + self.fluid.unbalanced(momentum))
+        mesh_state = self.mesh_state()
+        self.fluid.drag_along(mesh_state.velocity - velocity)
+        return mesh_state

@@ -3,14 +3,14 @@
 from ..phases.coupling_data import MeshState
 from ..phases.residual import Residual
 from .interface import InterfaceMedium
-from .porous import PorousCoupling
+from .porous import DragSweep
 
 # Guard of Aitken's factor: the error factors of the sweeps lie between 0 and 1, λ at most, for
 # which the best constant factor is 2/(2 - λ).
 GUARD = (0.6, 2.0)
 
 
-class ThroughFlowCoupling(InterfaceMedium, PorousCoupling):
+class ThroughFlowCoupling(InterfaceMedium, DragSweep):
     """The sweeps of a porous medium on a mesh of the fluid that follows the solid: the solid under
     the drag of a frozen velocity and the force on its dense parts, the mesh, the fluid with the
     drag of the new v_s.

@@ -230,9 +230,9 @@ def _add_free(densities, el, f, x, derivatives):
     d_div = -np.swapaxes(x.grad_v, 2, 3)
     body = el.rho[..., None] * _in_space(f.b, d)
     densities.A[..., :d] += x.acceleration - body
-    if derivatives is not None:
+    if derivatives is not None:  # the weight of the fluid in pores is that of the whole volume
         densities.A[..., :d] += el.drag.on(x.w)
-        strong = strong + _inertia_and_drag_by_volume(x, body, derivatives)
+        strong = strong + _inertia_and_drag_by_volume(x, 0.0, derivatives)
     densities.dA[:, :, :d] += strong
     densities.B[:, :, :d] -= (f.p @ el.N.T)[..., None, None] * identity
     densities.A[..., d] += div

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..kernels import exchange, shape
+from ..kernels.solid import body_residual
 from .coupling_data import Flow
+from .loads import body_acceleration
 from .setup import ElasticSolidSetup
 from .solid import SolidPhase
 
@@ -32,6 +34,23 @@ class ElasticSolid(SolidPhase):
         if self.setup.immersed:
             return {"drag": self._coupling_terms(flow)["drag"]} | force
         return force
+
+    def _body_vector(self, t):
+        """Return what `SolidPhase` does, and in pores the weight of the fluid that the grains
+        displace, ∫ n_s ρ_fR b·w dV0, which bears them.
+        """
+        nodal = super()._body_vector(t)
+        if not self.setup.fluid_force:
+            return nodal
+        domain = self.domain
+        b = body_acceleration(domain, self.setup.fluid_force, t)
+        for region, chunk in domain.chunks(self._doubles_per_cell):
+            material = self.setup.material(region, chunk)
+            if material.has_pores:
+                dV = domain.reference.dV[chunk]
+                displaced = -material.n_s0 * material.rho_fR
+                domain.add(nodal, chunk, body_residual(domain.mass.N, dV, displaced, b[chunk]))
+        return nodal
 
     def require_admissible(self) -> None:
         """Raise ConvergenceError where an element of an immersed solid in the trial state is

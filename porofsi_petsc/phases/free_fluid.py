@@ -89,6 +89,17 @@ class FreeFluid(FluidPhase):
             p = np.where(part.nodes, p - part.mean(p), p)
         return p
 
+    def _fields(self, mesh_state, v, a, p, b):
+        """Return the fields of a state; in pores b is such that ρ_f b is the weight ρ_fR b of a
+        fluid that fills the volume, by which the pressure of one at rest grows.
+        """
+        if self.setup.body_force and any(m.averaged for m in self.setup.materials.values()):
+            b = b.copy()
+            for region, span in self.domain.region_slices.items():
+                J = mesh_state.configuration.J[span]
+                b[span] /= self.setup.material(region, span).fluid_fraction(J)[..., None]
+        return super()._fields(mesh_state, v, a, p, b)
+
     # -- forces ------------------------------------------------------------------------------------
 
     def boundary_force(self, momentum: Residual) -> np.ndarray:

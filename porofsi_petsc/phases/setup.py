@@ -149,11 +149,13 @@ class ElasticSolidSetup(SolidSetup):
     """A solid without pores, or one that a free fluid flows through, of which it feels the drag
     alone.
 
-    immersed : whether it is one of these; robin : of an interface on which α v_s is added to the
-    traction; driven : (n_local,) bool, nodes to which an interface tells their velocity
+    immersed : whether it is one of these; fluid_force : what acts on the fluid in its pores;
+    robin : of an interface on which α v_s is added to the traction; driven : (n_local,) bool,
+    nodes to which an interface tells their velocity
     """
 
     immersed: bool = False
+    fluid_force: tuple[BodyForce, ...] = ()
     robin: InterfaceMass | None = None
     driven: np.ndarray | None = None
 

@@ -280,6 +280,7 @@ class InterfaceBuilder(Builder):
             inertia=self.scene.model.solid_inertia,
             moving_mesh=self._moving and bool(self._pores),
             immersed=bool(self._pores),
+            fluid_force=self._body_forces("fluid") if self._pores else (),
             dirichlet=self.displacement(self._solid_tags),
             surfaces=surfaces,
             loads=concentrated_loads(self.scene, domain, self.components),

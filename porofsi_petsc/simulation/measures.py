@@ -31,6 +31,7 @@ from .builder import materials_of
 from .flow_reference import FlowComparison
 from .lasting import Lasting
 from .reference import Comparison
+from .slip import LostSlip
 from .volume import VolumeBalance
 
 if TYPE_CHECKING:
@@ -129,7 +130,8 @@ class Measures:
         self._mesh = self._solid.mesh
         self._in_solid = NodalAverage(self._solid)
         self._in_fluid = NodalAverage(self._fluid)
-        self.omissions = list(_omissions(self._scene, materials))
+        self._lost_slip = self._slip_along_pores()
+        self.omissions = list(_omissions(self._scene, materials, self._lost_slip))
         self.sizes = {omission.name: 0.0 for omission in self.omissions}
         self._lasting = {
             omission.name: Lasting(scene.time.end) for omission in self.omissions if omission.lasts
@@ -140,6 +142,16 @@ class Measures:
         self.comparison = self._comparison(scene) if scene.reference else None
         flows = scene.phases[1] and not scene.is_porous
         self.volume = VolumeBalance(coupling, scene.limits.volume) if flows else None
+
+    def _slip_along_pores(self):
+        """Return the `LostSlip` of a viscous flow along porous solids, None without any
+        (collective).
+        """
+        model = self._scene.model
+        beside = self._scene.has_pores and not self._scene.is_porous
+        if not (beside and model.viscosity is True):
+            return None
+        return LostSlip(self._mesh, self._materials, model.moving_mesh)
 
     def _comparison(self, scene):
         return (
@@ -279,7 +291,7 @@ class Measures:
         """
         self._scene = scene
         self._materials = materials_of(scene, self._mesh)
-        self.omissions = list(_omissions(scene, self._materials))
+        self.omissions = list(_omissions(scene, self._materials, self._lost_slip))
         self.sizes = {
             omission.name: self.sizes.get(omission.name, 0.0) for omission in self.omissions
         }
@@ -311,6 +323,8 @@ class Measures:
             "porosity_change": lambda: self._porosity_change(step.u),
             "viscosity": lambda: self._brinkman_ratio(step.u),
         }
+        if (lost_slip := self._lost_slip) is not None:
+            sizes["slip"] = lambda: lost_slip(step.u, step.v_f)
         return {omission.name: sizes[omission.name]() for omission in self.omissions}
 
     def watch_neglected(self, sizes: dict[str, float], dt: float, clock: Clock) -> None:
@@ -512,8 +526,8 @@ def _strain(law, H):
     return 0.5 * (H + transpose(H)) if law.small_strain else green_strain(H)
 
 
-def _omissions(scene, materials):
-    """Yield what a scene without "auto" terms leaves out."""
+def _omissions(scene, materials, lost_slip):
+    """Yield what a scene without "auto" terms leaves out; lost_slip : `LostSlip` or None."""
     model = scene.model
 
     def left_out(name, term, remedy, meaning, lasts=False):
@@ -541,6 +555,14 @@ def _omissions(scene, materials):
         if not getattr(model, term) and present and scene.time.scheme != "steady":
             meaning = f"inertia of the {phase} over the largest force on it, where it lasts"
             yield left_out(term, term, f"set model.{term} = true", meaning, lasts=True)
+    if lost_slip is not None:
+        layer = lost_slip.thinnest_layer()
+        remedy = (
+            "make the cells of the porous solid at the free fluid as thin as its Brinkman layer,"
+            f" sqrt(K mu_e/mu) = {layer:.2g} m (mesh: ratios)"
+        )
+        meaning = "slip along porous solids that the mesh does not resolve, over the largest speed"
+        yield left_out("slip", "", remedy, meaning)
     if scene.has_pores:
         yield from _porous_omissions(scene, left_out)
 
