@@ -12,22 +12,29 @@ from .interface import InterfaceCoupling
 
 
 class Participant(InterfaceCoupling):
-    """A phase and the nodes of the interface that this rank owns, whose values go to and come from
-    the other program.
+    """A phase whose values on the nodes of the interface go to the other program, and the other's
+    that come back.
+
+    tells_forces : whether those that go are forces, or displacements
     """
 
-    def __init__(self, *medium: Any, nodes: np.ndarray, **scheme: Any) -> None:
-        """Take what `InterfaceCoupling` takes, without what the fluid sees, and the nodes (N,)."""
+    tells_forces: bool
+
+    def __init__(self, *medium: Any, **scheme: Any) -> None:
+        """Take what `InterfaceCoupling` takes, without what the fluid sees."""
         super().__init__(*medium, sees="given", **scheme)
-        self.nodes = nodes
         self._taken = np.zeros_like(self.solid.unknowns)
 
-    def take(self, values: np.ndarray) -> None:
-        """Take the other program's values at the end of the step, (N, d)."""
-        self._taken[self.nodes] = values
+    def take(self, nodes: np.ndarray, values: np.ndarray) -> None:
+        """Take the other program's values at the end of the step, (N, d), on owned nodes (N,)."""
+        self._taken[nodes] = values
+
+    def start_values(self) -> np.ndarray:
+        """Return this program's values at t = 0, (n_owned, d) or longer."""
+        raise NotImplementedError
 
     def answer(self) -> np.ndarray:
-        """Return this program's values at the end of the trial step, (N, d)."""
+        """Return this program's values at the end of the trial step, (n_owned, d) or longer."""
         raise NotImplementedError
 
 
@@ -38,6 +45,8 @@ class FluidParticipant(Participant):
     program.
     """
 
+    tells_forces = True
+
     def _begin(self, t: float, rates: Rates, accepted: MeshState) -> None:
         self.solid.unknowns = self._taken
         super()._begin(t, rates, accepted)
@@ -45,9 +54,13 @@ class FluidParticipant(Participant):
     def _with_force(self, force: np.ndarray) -> Flow:
         return replace(self.fluid.flow(), force=np.zeros_like(force))
 
+    def start_values(self) -> np.ndarray:
+        """Return no force, (n_owned, d) [N]: that of the fluid is known from its first step on."""
+        return np.zeros_like(self.fluid.force)
+
     def answer(self) -> np.ndarray:
-        """Return the force on the interface at the end of the trial step, (N, d) [N]."""
-        return self.fluid.end_force[self.nodes]
+        """Return the force at the end of the trial step, (n_owned, d) [N]."""
+        return self.fluid.end_force
 
 
 class SolidParticipant(Participant):
@@ -56,6 +69,8 @@ class SolidParticipant(Participant):
     The force on the collocation level lies between those at the ends of the step; in the first step
     it is that at its end.
     """
+
+    tells_forces = False
 
     def __init__(self, *medium: Any, **scheme: Any) -> None:
         """Take what `Participant` takes."""
@@ -73,6 +88,10 @@ class SolidParticipant(Participant):
         super().accept()
         self._before = self._taken.copy()
 
+    def start_values(self) -> np.ndarray:
+        """Return the initial displacement, (n_local, d) [m]."""
+        return self.solid.u
+
     def answer(self) -> np.ndarray:
-        """Return the displacement of the interface at the end of the trial step, (N, d) [m]."""
-        return self.solid.end_displacement[self.nodes]
+        """Return the displacement at the end of the trial step, (n_local, d) [m]."""
+        return self.solid.end_displacement
