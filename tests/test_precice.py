@@ -53,9 +53,11 @@ class StandIn:
     values = None  # (t, X (N, d)) -> (N, d)
     connected = False  # whether a mapping asks for facets
     pieces = None  # of the interface: the places of their corners
+    told = None  # what was written, at the start and in every iteration
 
     def __init__(self, *names):
         self.t, self.repeat, self.written = 0.0, True, []
+        type(self).told = self.written
 
     def get_mesh_dimensions(self, mesh):
         return self.dim
@@ -105,7 +107,7 @@ class StandIn:
         return not self.repeat
 
     def finalize(self):
-        self.written.clear()
+        self.repeat = None
 
 
 @pytest.fixture
@@ -203,23 +205,46 @@ def test_a_side_told_what_the_other_did_answers_as_one_scene_with_both(
         require_same(simulation.history, history, columns)
 
 
-def test_a_force_between_the_ends_of_a_window_is_linear_in_time(stand_in):
-    """As that of a load on a point, which is evaluated on the collocation level; it begins after
-    the first step, in which the force is that at its end.
-    """
+def test_a_force_is_that_on_the_collocation_level(stand_in):
+    """As that of a load on a point, which is evaluated there."""
     tip = np.array([0.5, 0.2])
 
     def force(t, X):
         at_tip = (abs(X - tip) < 1e-9).all(axis=1)
-        return np.column_stack([np.where(at_tip, 300 * max(t - STEP, 0.0), 0.0), 0 * X[:, 0]])
+        return np.column_stack([np.where(at_tip, 300 * t, 0.0), 0 * X[:, 0]])
 
     stand_in.values = staticmethod(force)
-    load = {"at": [0.5, 0.2], "force": {"x": f"300*maximum(t - {STEP}, 0)"}}
+    load = {"at": [0.5, 0.2], "force": {"x": "300*t"}}
     changes = {"time": SAME | {"rho_inf": 0.5}}
     alone = side("flap", **changes, load=[load], boundary=[HELD, {"on": "body"}])
     del alone["precice"]
     told, loaded = (_end(scene, "tip.u_x") for scene in (side("flap", **changes), alone))
     assert told == pytest.approx(loaded, rel=1e-8)  # both converged to 1e-9
+
+
+def test_forces_at_the_ends_of_windows_have_the_impulse_of_a_sudden_start(stand_in):
+    """F_n + (1 - α_f)(F_n - F_{n-1}) of collocated forces F_n, F_0 = 0, add up to their sum and
+    (1 - α_f) F_N; α_f = 2/3.
+    """
+    stand_in.values = staticmethod(lambda t, X: 0 * X)
+    scene = side("body", time=SAME | {"rho_inf": 0.5})
+    scene["mesh"]["order"] = 2
+    scene["boundary"][0] = {"on": "left", "velocity": {"x": "20*y*(0.4 - y)", "y": 0.0}}
+    collocated = []
+
+    def keep(simulation):
+        mesh = simulation.coupling.fluid.mesh
+        nodes = np.unique(mesh.facets["flap"].nodes)
+        force = simulation.coupling.fluid.state()["force_collocated"]
+        collocated.append(force[nodes].sum(axis=0))
+
+    with Simulation.from_scene(scene) as simulation:
+        simulation.run(callbacks=[keep])
+    accepted = stand_in.told[2::2]
+    impulse = np.sum(accepted, axis=(0, 1))
+    expected = np.sum(collocated, axis=0) + collocated[-1] / 3
+    assert impulse == pytest.approx(expected, rel=1e-9)
+    assert collocated[0][0] > 5 * collocated[-1][0]  # the start is sudden
 
 
 def _end(scene, column):

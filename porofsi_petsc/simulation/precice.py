@@ -54,7 +54,7 @@ class Partner:
             while not agreed:
                 with self._told():
                     self._link.requires_writing_checkpoint()  # which the accepted state is
-                    self._read(dt)
+                    self._read(schemes[0])
                 self._alone(solve, schemes, rates)
                 iterations += 1
                 agreed = self._advance(dt, iterations)
@@ -131,9 +131,10 @@ class Partner:
             "allow more of them, take smaller time windows or another acceleration",
         )
 
-    def _read(self, dt):
+    def _read(self, scheme):
         section = self._section
-        values = self._link.read_data(section.mesh, section.read, self._vertices.numbers, dt)
+        t = self._medium.told_at(scheme)
+        values = self._link.read_data(section.mesh, section.read, self._vertices.numbers, t)
         self._medium.take(*self._vertices.scatter(values))
 
     def _write(self, field):
