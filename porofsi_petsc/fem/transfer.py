@@ -15,6 +15,7 @@ from .distribute import LocalMesh
 from .domain import Domain
 from .essential import Transformation
 from .projection import SurfaceProjection
+from .surface_nodes import SurfaceNodes, surface_facets
 
 # Distance of a node from the other side over the facet there, at most: curved sides of straight
 # facets are apart by the facets' sagitta, 0.1 of a facet where eight of them make a circle.
@@ -192,18 +193,18 @@ def _unknowns(domain, owned, m):
 
 class _Part:
     """The two sides of one pair, which every rank has and projects alike; fluid, solid :
-    `_SurfaceNodes`.
+    `SurfaceNodes`.
     """
 
     def __init__(self, mesh, pair, taken):
         (fluid, X_fluid), (solid, X_solid) = (
-            _surface(mesh, tags) for tags in (pair.fluid, pair.solid)
+            surface_facets(mesh, tags) for tags in (pair.fluid, pair.solid)
         )
         _require_together(mesh.element, (X_fluid, X_solid), pair)
         nodes = np.unique(fluid)
         self._new = ~np.isin(nodes, taken)
-        self.fluid = _SurfaceNodes(mesh, nodes[self._new])
-        self.solid = _SurfaceNodes(mesh, np.unique(solid))
+        self.fluid = SurfaceNodes(mesh, nodes[self._new])
+        self.solid = SurfaceNodes(mesh, np.unique(solid))
         facets = np.searchsorted(nodes, fluid), np.searchsorted(self.solid.natural, solid)
         self._projection = SurfaceProjection(mesh.element, facets, (X_fluid, X_solid))
 
@@ -222,48 +223,6 @@ class _Part:
         P = self._projection.matrix()[self._new]
         mine = P[self.fluid.rows[: len(self.fluid.owned)]]
         return scipy.sparse.kron(mine, scipy.sparse.identity(dim), format="csr")
-
-
-class _SurfaceNodes:
-    """Nodes of a surface, few enough that every rank knows all their values: what it computes does
-    not depend on the others.
-
-    natural (N,) : ascending natural numbers; local, owned : the nodes of this rank among them, with
-    and without ghosts;
-    rows : the positions of `local` in `natural`
-    """
-
-    def __init__(self, mesh, natural):
-        self.natural = natural
-        self._comm = mesh.comm
-        self.local = np.flatnonzero(np.isin(mesh.natural, natural))
-        self.owned = self.local[self.local < mesh.n_owned]
-        self.rows = np.searchsorted(natural, mesh.natural[self.local])
-        self._order = np.argsort(np.concatenate(mesh.comm.allgather(mesh.natural[self.owned])))
-
-    def gather(self, field):
-        """Return the values of a field, (n_owned, k) or longer, in the order of the natural
-        numbers, (N, k) (collective).
-        """
-        return np.concatenate(self._comm.allgather(field[self.owned]))[self._order]
-
-    def in_order(self, rows, dim):
-        """Return the rows of a matrix, dim for each node in the order of the ranks, in that of the
-        natural numbers.
-        """
-        return rows.tocsr()[(dim * self._order[:, None] + np.arange(dim)).ravel()]
-
-
-def _surface(mesh, tags):
-    """Return natural node numbers (F, Af) and coordinates (F, Af, d) of all facets of some tags, in
-    one order (collective).
-    """
-    mine = np.concatenate([mesh.facets[tag].nodes[mesh.facets[tag].owned] for tag in tags])
-    nodes, X = (
-        np.concatenate(mesh.comm.allgather(field[mine])) for field in (mesh.natural, mesh.X)
-    )
-    order = np.lexsort(nodes.T)
-    return nodes[order], X[order]
 
 
 def _require_together(element, sides, pair):

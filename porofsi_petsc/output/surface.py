@@ -43,7 +43,7 @@ class Surface:
     @cached_property
     def triangles(self) -> np.ndarray:
         """Return the polygons, cut from their first vertex, (T, 3)."""
-        return _triangles(self.polygons)
+        return triangles_of(self.polygons)
 
     @cached_property
     def lines(self) -> np.ndarray:
@@ -113,15 +113,15 @@ def surface_of(
     """
     boundary = _boundary(cells, element)
     if element.dim == 2:
-        return Surface(points, _split(cells, element), _split(boundary, element.facet))
+        return Surface(points, split(cells, element), split(boundary, element.facet))
     depth = points[:, 1]
     cut = (depth.min() + depth.max()) / 2 if cut is None else cut
     centres = depth[cells].mean(axis=1)
     if cut >= centres.max():
         cut = depth.min()
     behind = cells[centres > cut]
-    outline = _sharp_edges(points, _triangles(_split(boundary, element.facet)))
-    return Surface(points, _split(_boundary(behind, element), element.facet), outline, cut)
+    outline = _sharp_edges(points, triangles_of(split(boundary, element.facet)))
+    return Surface(points, split(_boundary(behind, element), element.facet), outline, cut)
 
 
 def _boundary(cells, element):
@@ -129,14 +129,16 @@ def _boundary(cells, element):
     return cells[cell[:, None], np.array(element.facets)[local]]
 
 
-def _triangles(polygons):
+def triangles_of(polygons: np.ndarray) -> np.ndarray:
+    """Return the triangles (n, 3) of polygons (F, V), without those that are but a line."""
     fan = [(0, i, i + 1) for i in range(1, polygons.shape[1] - 1)]
     triangles = polygons[:, np.array(fan)].reshape(-1, 3)
     a, b, c = triangles.T
     return triangles[(a != b) & (b != c) & (c != a)]  # a side of a collapsed cell is a point
 
 
-def _split(cells, element):
+def split(cells: np.ndarray, element: Element) -> np.ndarray:
+    """Return the `Element.polygons` of plane cells, or the segments of lines, (F, A) -> (F', V)."""
     return cells[:, np.array(element.polygons)].reshape(-1, len(element.polygons[0]))
 
 

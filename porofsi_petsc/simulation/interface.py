@@ -143,7 +143,6 @@ class InterfaceBuilder(Builder):
                 *medium,
                 accelerator,
                 self.scene.full_newton,
-                nodes=self._shared_with_another(),
                 conditions=conditions,
                 **both,
             )

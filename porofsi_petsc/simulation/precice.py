@@ -13,7 +13,11 @@ from ..clock import Scheme
 from ..config.precice import Precice
 from ..coupling.participant import Participant
 from ..errors import ConvergenceError, InputError, digits
+from ..fem.distribute import LocalMesh
+from ..fem.surface_nodes import SurfaceNodes, surface_facets
+from ..output.surface import split, triangles_of
 from ..phases.coupling_data import Rates
+from .precice_config import Configuration, Iterations
 
 SAME = 1e-9  # of a time window: steps that differ by less are of one size
 
@@ -32,7 +36,8 @@ class Partner:
         self._medium = medium
         self._where = f"{where} [precice]"
         self._link: Any = None
-        self._vertices: Any = None
+        self._vertices: _Vertices
+        self._allowed: Iterations
 
     def solving(self, solve: Callable[..., None]) -> Callable[[tuple[Scheme, Scheme], Rates], None]:
         """Return a function that solves a step together with the other program (collective).
@@ -44,16 +49,17 @@ class Partner:
             dt = schemes[0].dt
             with self._told():
                 self._require_window(dt)
+            iterations = 0
             agreed = False
             while not agreed:
                 with self._told():
                     self._link.requires_writing_checkpoint()  # which the accepted state is
-                    self._medium.take(self._read(dt))
+                    self._read(schemes[0])
                 self._alone(solve, schemes, rates)
-                with self._told():
-                    self._write()
-                    self._link.advance(dt)
-                    agreed = not self._link.requires_reading_checkpoint()
+                iterations += 1
+                agreed = self._advance(dt, iterations)
+            if not self._allowed.end_agrees(iterations):
+                raise self._unconverged(iterations)
 
         return together
 
@@ -104,20 +110,42 @@ class Partner:
             text = "take smaller time windows (time.step and time-window-size), or relax the data"
             raise ConvergenceError(error.what, f"{text} (acceleration)") from error
 
-    def _read(self, dt):
-        section = self._section
-        values = self._link.read_data(section.mesh, section.read, self._vertices, dt)
-        return np.reshape(values, (len(self._medium.nodes), self._medium.solid.mesh.dim))
+    def _advance(self, dt, iterations):
+        """Tell this program's values; return whether the window is at its end."""
+        with self._told():
+            self._write(self._medium.answer())
+        try:
+            self._link.advance(dt)
+        except RuntimeError as error:
+            if self._allowed.has_last(iterations):  # of a strict measure
+                raise self._unconverged(iterations) from error
+            raise self._refused(error) from error
+        return not self._link.requires_reading_checkpoint()
 
-    def _write(self):
+    def _unconverged(self, iterations):
+        """Return the error of a window that took all iterations it may have."""
+        return ConvergenceError(
+            f"{self._where}: a time window took all {iterations} iterations that max-iterations of"
+            " the preCICE configuration allows, at which preCICE goes on whether its data agree or"
+            " not",
+            "allow more of them, take smaller time windows or another acceleration",
+        )
+
+    def _read(self, scheme):
         section = self._section
-        values = self._medium.answer()
-        self._link.write_data(section.mesh, section.write, self._vertices, values)
+        t = self._medium.told_at(scheme)
+        values = self._link.read_data(section.mesh, section.read, self._vertices.numbers, t)
+        self._medium.take(*self._vertices.scatter(values))
+
+    def _write(self, field):
+        section = self._section
+        values = self._vertices.gather(field)
+        self._link.write_data(section.mesh, section.write, self._vertices.numbers, values)
 
     # -- the other program -------------------------------------------------------------------------
 
     def _connect(self):
-        """Find the other program, with this one's nodes on the interface (collective)."""
+        """Find the other program, with the nodes on the interface (collective)."""
         section = self._section
         mesh = self._medium.solid.mesh
         try:
@@ -130,16 +158,18 @@ class Partner:
         link = library.Participant(
             section.participant, section.config, mesh.comm.rank, mesh.comm.size
         )
+        configuration = Configuration(section.config)
+        self._allowed = configuration.iterations(section.participant)
+        self._require_constraints(configuration)
         self._require_dimension(section.mesh, link.get_mesh_dimensions(section.mesh), "mesh")
         for data in (section.read, section.write):
             found = link.get_data_dimensions(section.mesh, data)
             self._require_dimension(data, found, "vector")
-        self._vertices = link.set_mesh_vertices(section.mesh, mesh.X[self._medium.nodes])
-        if link.requires_initial_data():
-            nothing = np.zeros((len(self._medium.nodes), mesh.dim))
-            link.write_data(section.mesh, section.write, self._vertices, nothing)
-        link.initialize()
+        self._vertices = _Vertices(link, section.mesh, mesh, section.on)
         self._link = link
+        if link.requires_initial_data():
+            self._write(self._medium.start_values())
+        link.initialize()
 
     def _require_dimension(self, name, found, kind):
         """Raise InputError unless a mesh or data of preCICE has the dimension of the scene."""
@@ -150,10 +180,67 @@ class Partner:
                 f" dimension {dim}, that of the scene"
             )
 
+    def _require_constraints(self, configuration):
+        """Raise InputError where forces are mapped like stresses, or displacements like forces."""
+        mesh = self._section.mesh
+        for mapping in configuration.mappings:
+            if mesh not in (mapping.source, mapping.target):
+                continue
+            of_forces = (mapping.source == mesh) == self._medium.tells_forces
+            if mapping.keeps_sums == of_forces:
+                continue
+            what, wanted = (
+                ("forces", "'conservative': they are those of nodes [N], not stresses [Pa]")
+                if of_forces
+                else ("displacements", "'consistent'")
+            )
+            raise InputError(
+                f"{self._where}: received the constraint '{mapping.constraint}' in the mapping of"
+                f" {what} from '{mapping.source}' to '{mapping.target}', expected {wanted}"
+            )
+
     @contextmanager
     def _told(self) -> Iterator[None]:
         """Tell what preCICE refuses as an InputError."""
         try:
             yield
         except RuntimeError as error:
-            raise InputError(f"{self._where}: preCICE says: {error}") from error
+            raise self._refused(error) from error
+
+    def _refused(self, error):
+        return InputError(f"{self._where}: preCICE says: {error}")
+
+
+class _Vertices:
+    """The nodes of the interface as vertices of a mesh of preCICE, which rank 0 provides: between
+    them no rank cuts the facets that nearest-projection mapping needs, and each is there once.
+
+    numbers : those of preCICE, (N,), of rank 0, none elsewhere
+    """
+
+    def __init__(self, link: Any, name: str, mesh: LocalMesh, tags: tuple[str, ...]) -> None:
+        """Make the mesh of preCICE, with facets where a mapping asks for them (collective)."""
+        facets, _ = surface_facets(mesh, tags)
+        self._comm = mesh.comm
+        self._nodes = SurfaceNodes(mesh, np.unique(facets))
+        self.numbers = np.asarray(link.set_mesh_vertices(name, self.gather(mesh.X)))
+        if link.requires_mesh_connectivity_for(name) and self._comm.rank == 0:
+            pieces = split(np.searchsorted(self._nodes.natural, facets), mesh.element.facet)
+            if mesh.dim == 2:
+                link.set_mesh_edges(name, self.numbers[pieces])
+            else:
+                link.set_mesh_triangles(name, self.numbers[triangles_of(pieces)])
+
+    def gather(self, field: np.ndarray) -> np.ndarray:
+        """Return the values of a field, (n_owned, d) or longer, on the vertices, (N, d) on rank 0
+        (collective).
+        """
+        values = self._nodes.gather(field)
+        return values if self._comm.rank == 0 else values[:0]
+
+    def scatter(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return owned nodes and their values of those of the vertices, (N, d) on rank 0
+        (collective).
+        """
+        owned = self._nodes.owned
+        return owned, self._comm.bcast(values)[self._nodes.rows[: len(owned)]]
