@@ -10,7 +10,7 @@ from ..conditions import CONDITIONS
 from ..errors import digits, listed, shown
 from ..materials import ELASTIC, PERMEABILITY
 from ..materials.fibres import mirrored
-from ..quantities import OF_STRESS, PLASTIC_STRAIN, SURFACES
+from ..quantities import FIELDS, OF_STRESS, PLASTIC_STRAIN, SURFACES
 from .conditions import (
     BodyForce,
     BodyForces,
@@ -191,6 +191,18 @@ class Scene(Table):
     def is_plastic(self) -> bool:
         """Return whether a solid or skeleton is plastic."""
         return any(m.elastic_law().plastic for m in self.material if m.solid)
+
+    @property
+    def field_names(self) -> tuple[str, ...]:
+        """Return the nodal fields that the scene has; what it has no phase for is no field of
+        it.
+        """
+        solids, fluids = self.phases
+        absent = set() if solids else {"displacement", "solid velocity", "stress"}
+        absent |= set() if fluids else {"pressure", "fluid velocity"}
+        absent |= set() if self.is_porous else {"porosity"}
+        absent |= set() if self.is_plastic else {PLASTIC_STRAIN}
+        return tuple(name for name in FIELDS if name not in absent)
 
     @property
     def full_newton(self) -> bool:
@@ -923,6 +935,10 @@ class Scene(Table):
             raise wrong(
                 f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of"
             )
+        for name in self.output.fields:
+            if name not in self.field_names:
+                text = f"which the scene has not; choose from {listed(self.field_names)}"
+                raise wrong(f"received {shown(name)}, {text}", "output.fields")
         self._check_paths(recorded)
 
     def _check_difference(self, expect, where):

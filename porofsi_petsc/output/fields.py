@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..fem.distribute import LocalMesh
 from ..fem.natural_order import NaturalOrder
 from .files import keep_names, on_root
-from .hdf5 import read_attributes, write_slabs
+from .hdf5 import Layout, read_attributes, write_slabs
 from .xdmf import ATTRIBUTE_TYPE, Collection, Grids
 
 FOLDER = "fields"
@@ -27,24 +27,42 @@ STEP = re.compile(r"\d{6,}\.h5")  # names of the files of a time
 
 
 class Snapshot(NamedTuple):
-    """A written time; shapes : dict name of a field -> shape of its dataset."""
+    """A written time.
+
+    shapes : name of a field -> shape of its values; precision : bytes of a number
+    """
 
     step: int
     time: float
     path: Path
     shapes: dict
+    precision: int = 8
+
+
+class Storage(NamedTuple):
+    """How fields are kept; compression : level of gzip, 0 for none."""
+
+    precision: str = "float64"
+    compression: int = 0
+
+
+EXACT = Storage()
 
 
 class FieldWriter:
     """Writes fields in the natural order; what was written before in the directory is kept."""
 
-    def __init__(self, directory: str | os.PathLike[str], mesh: LocalMesh) -> None:
+    def __init__(
+        self, directory: str | os.PathLike[str], mesh: LocalMesh, storage: Storage = EXACT
+    ) -> None:
         """Pick up the times already in the directory and write the mesh; collective.
 
         Raises InputError when a file of a time cannot be read.
         """
         self.directory = Path(directory)
         self.mesh = mesh
+        self._type = np.dtype(storage.precision)
+        self._compression = storage.compression
         on_root(mesh.comm, _make_folder, self.directory)
         self.n_points = mesh.n_global
         self.cells_shape = (mesh.n_cells_global, mesh.cells.shape[1])
@@ -62,12 +80,13 @@ class FieldWriter:
         """
         path = self.directory / FOLDER / f"{step:06d}.h5"
         slabs = {
-            name: self.mesh.order.to_slab(_columns(name, array, self.mesh.dim))
+            name: self.mesh.order.to_slab(columns(name, array, self.mesh.dim).astype(self._type))
             for name, array in fields.items()
         }
-        write_slabs(path, self.mesh.comm, slabs, {"step": step, "time": time})
+        attributes = {"step": step, "time": time}
+        write_slabs(path, self.mesh.comm, slabs, attributes, compression=self._compression)
         shapes = {name: (self.n_points, *slab.shape[1:]) for name, slab in slabs.items()}
-        self._list(Snapshot(step, time, path, shapes))
+        self._list(Snapshot(step, time, path, shapes, self._type.itemsize))
 
     def _list(self, snapshot):
         """List a time that was written in the collection."""
@@ -110,7 +129,10 @@ class FieldWriter:
 
     def _grid(self, snapshot):
         place = f"{FOLDER}/{snapshot.path.name}"
-        return self._grids.at(snapshot.step, snapshot.time, place, snapshot.shapes)
+        fields = {
+            name: Layout(shape, snapshot.precision) for name, shape in snapshot.shapes.items()
+        }
+        return self._grids.at(snapshot.step, snapshot.time, place, fields)
 
 
 def read_snapshots(directory: str | os.PathLike[str]) -> list[Snapshot]:
@@ -125,18 +147,21 @@ def read_snapshots(directory: str | os.PathLike[str]) -> list[Snapshot]:
 
 
 def _snapshot(path):
-    attributes, shapes = read_attributes(path)
+    attributes, layouts = read_attributes(path)
+    shapes = {name: layout.shape for name, layout in layouts.items()}
+    precisions = {layout.precision for layout in layouts.values()}
     step = attributes.get("step")
     time = attributes.get("time")
     numbers = isinstance(step, np.integer) and isinstance(time, np.floating) and np.isfinite(time)
     if (
         not numbers
         or step != int(path.stem)
+        or len(precisions) > 1
         or not all(shape and shape[1:] in ATTRIBUTE_TYPE for shape in shapes.values())
     ):
         text = "an HDF5 file, but not the fields of the step in its name as porofsi writes them"
         raise InputError(f"{path}: {text}; move it away")
-    return Snapshot(int(step), float(time), path, shapes)
+    return Snapshot(int(step), float(time), path, shapes, *precisions)
 
 
 def _make_folder(directory):
@@ -148,7 +173,7 @@ def _remove(paths):
         path.unlink(missing_ok=True)
 
 
-def _columns(name, array, dim):
+def columns(name, array, dim):
     array = np.asarray(array, dtype=float)
     if array.ndim == 1 or array.shape[1] == 1:
         return array.reshape(len(array))

@@ -10,8 +10,9 @@ import io
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -20,6 +21,7 @@ from mpi4py import MPI
 from ..errors import InputError
 from .files import complete, on_root, raise_everywhere, temporary_name, writing_error
 
+CHUNK_ROWS = 1 << 14  # rows of a dataset that are compressed together
 STRUCTURE = 1 << 16  # [bytes] more than the structure of a file takes beside data and attributes
 
 
@@ -29,6 +31,7 @@ def write_slabs(
     slabs: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     front: int | None = None,
+    compression: int = 0,
 ) -> None:
     """Write one dataset per name from the rows of all ranks, in the order of the ranks; collective.
 
@@ -37,6 +40,7 @@ def write_slabs(
     attributes : dict name -> number, string or list of strings, stored at the root of the file
     (equal on every rank).
     front : bytes that are left free at the start of the file, a power of two from 512 on, or None.
+    compression : level of gzip, 0 for none; what is compressed is written by rank 0 alone.
     The file appears under its name when it is complete, never earlier (`files.keep_names` makes the
     name last); one that cannot be completed is removed, so that its space is free again.  Raises
     PorofsiError when it cannot be written.
@@ -45,9 +49,12 @@ def write_slabs(
     counts = np.array(comm.allgather([len(slab) for slab in slabs.values()]), dtype=int).reshape(
         comm.size, -1
     )
-    parallel = h5py.get_config().mpi and comm.size > 1
-    write = _write_together if parallel else _write_through_root
-    write(temporary_name(path), comm, slabs, counts, attributes or {}, front)
+    written = temporary_name(path)
+    if h5py.get_config().mpi and comm.size > 1 and not compression:
+        _write_together(written, comm, slabs, counts, attributes or {}, front)
+    else:
+        fill = partial(_make, written, attributes or {}, front, compression)
+        _write_through_root(written, comm, slabs, counts, fill)
     on_root(comm, complete, path)
 
 
@@ -85,27 +92,39 @@ def require_room(path: Path, size: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
-def _write_through_root(path, comm, slabs, counts, attributes, front):
+def _write_through_root(path, comm, slabs, counts, fill):
+    """Let rank 0 fill a file with `_pieces`, fill(pieces) (collective)."""
     pieces = _pieces(comm, slabs, counts)
     error = None
     if comm.rank == 0:
         try:
-            _write_pieces(path, pieces, attributes, front)
+            fill(pieces)
         except OSError as failure:
             error = writing_error(failure, path)
-            with suppress(OSError):
-                path.unlink()
     for _ in pieces:  # the other ranks send; after an error rank 0 still takes what they send
         pass
     raise_everywhere(comm, error)
 
 
-def _write_pieces(path, pieces, attributes, front):
-    with _PatientFile(path) as patient:
+def _make(path, attributes, front, compression, pieces):
+    """Make a file of the pieces of its datasets; remove it where that fails."""
+    try:
+        with patiently(_PatientFile(path)) as patient:
+            _fill(patient, pieces, attributes, front, compression)
+    except OSError:
+        with suppress(OSError):
+            path.unlink()
+        raise
+
+
+@contextmanager
+def patiently(patient):
+    """Close a `_PatientFile` and raise its first error, from which all others follow."""
+    with patient:
         try:
-            _fill(patient, pieces, attributes, front)
+            yield patient
         finally:
-            if patient.error is not None:  # what else goes wrong follows from it
+            if patient.error is not None:
                 raise patient.error
 
 
@@ -153,12 +172,27 @@ class _PatientFile(io.FileIO):
             self.error = self.error or failure
 
 
-def _fill(patient, pieces, attributes, front):
+def _fill(patient, pieces, attributes, front, compression):
     with h5py.File(patient, "w", userblock_size=front) as file:
         file.attrs.update(attributes)
         for name, n_rows, start, rows in pieces:
-            dataset = file.require_dataset(name, (n_rows, *rows.shape[1:]), rows.dtype)
+            shape = (n_rows, *rows.shape[1:])
+            how = filters(shape, compression)
+            dataset = file.require_dataset(name, shape, rows.dtype, **how)
             dataset[start : start + len(rows)] = rows
+
+
+def filters(shape: tuple[int, ...], compression: int) -> dict[str, Any]:
+    """Return the options of a dataset of a shape that make it compressed, none for level 0."""
+    if not compression:
+        return {}
+    chunks = (min(max(shape[0], 1), CHUNK_ROWS), *shape[1:])
+    return {
+        "chunks": chunks,
+        "shuffle": True,
+        "compression": "gzip",
+        "compression_opts": compression,
+    }
 
 
 def _pieces(comm, slabs, counts):
@@ -200,11 +234,17 @@ def read_slab(
         return file[name][start:stop]
 
 
-def read_attributes(
-    path: str | os.PathLike[str],
-) -> tuple[dict[str, Any], dict[str, tuple[int, ...]]]:
-    """Return the attributes at the root of the file and the shape of every dataset.  Raises
+class Layout(NamedTuple):
+    """What a dataset holds: its shape and the bytes of a number."""
+
+    shape: tuple[int, ...]
+    precision: int
+
+
+def read_attributes(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Layout]]:
+    """Return the attributes at the root of the file and the `Layout` of every dataset.  Raises
     InputError.
     """
     with reading(path) as file:
-        return dict(file.attrs), {name: dataset.shape for name, dataset in file.items()}
+        layouts = {name: Layout(item.shape, item.dtype.itemsize) for name, item in file.items()}
+        return dict(file.attrs), layouts

@@ -5,24 +5,14 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ..config import Scene
-from ..quantities import PLASTIC_STRAIN
+from ..quantities import FIELDS, PLASTIC_STRAIN
 from .auto import AnyMedium
 from .measures import Measures
 
-UNITS = {
-    "displacement": "m",
-    "pressure": "Pa",
-    "solid velocity": "m/s",
-    "fluid velocity": "m/s",
-    "stress": "Pa",
-    "porosity": "1",
-    PLASTIC_STRAIN: "1",
-}
-
 
 class Fields(Mapping):
-    """Name of a field (`UNITS`) -> its values on the nodes of this rank, (n_owned, k); getting one
-    is collective.
+    """Name of a field (`Scene.field_names`) -> its values on the nodes of this rank, (n_owned, k);
+    getting one is collective.
 
     k is 1 for a scalar, the dimension for a vector and 6 (xx, xy, xz, yy, yz, zz; around an axis
     rr, rz, 0, zz, 0, θθ) for the effective stress of the solid; beside a solid without pores
@@ -34,12 +24,7 @@ class Fields(Mapping):
         """Take what has the accepted state."""
         self._coupling = coupling
         self._measures = measures
-        solids, fluids = scene.phases
-        absent = set() if solids else {"displacement", "solid velocity", "stress"}
-        absent |= set() if fluids else {"pressure", "fluid velocity"}
-        absent |= set() if scene.is_porous else {"porosity"}
-        absent |= set() if scene.is_plastic else {PLASTIC_STRAIN}
-        self._names = [name for name in UNITS if name not in absent]
+        self._names = scene.field_names
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
@@ -69,7 +54,7 @@ class Fields(Mapping):
     @property
     def units(self) -> dict[str, str]:
         """Return the unit of every field."""
-        return {name: UNITS[name] for name in self._names}
+        return {name: FIELDS[name] for name in self._names}
 
     @property
     def points(self) -> np.ndarray:
