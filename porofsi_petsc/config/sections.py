@@ -361,8 +361,8 @@ class Output(Table):
 
     fields : what is written, all that the scene has by default; fields_every [steps],
     fields_interval [s], fields_times [s] : when, at the first step that reaches the time, and at
-    the start and the end; precision, compression : how a number is kept, level of gzip (0: none);
-    period_of : the column of the history whose last full period is analysed
+    the start and the end; format, precision, compression : of the file, of a number, level of gzip
+    (0: none); period_of : the column of the history whose last full period is analysed
     """
 
     fields: Annotated[
@@ -371,6 +371,7 @@ class Output(Table):
     fields_every: Count | None = None
     fields_interval: Positive | None = None
     fields_times: Annotated[tuple[Annotated[Number, Field(ge=0)], ...], ListOf()] = ()
+    format: Literal["xdmf", "vtkhdf"] = "xdmf"
     precision: Literal["float64", "float32"] = "float64"
     compression: Annotated[int, Strict(), Field(ge=0, le=9)] = 0
     checkpoint_every: Count | None = None
@@ -385,7 +386,7 @@ class Output(Table):
 
     @model_validator(mode="after")
     def _fields_have_times(self) -> "Output":
-        for key in ("fields", "precision", "compression"):
+        for key in ("fields", "format", "precision", "compression"):
             if key in self.model_fields_set and not self.has_fields:
                 value = getattr(self, key)
                 default = type(self).model_fields[key].default

@@ -8,11 +8,11 @@ slab at a time, so that no rank ever holds a whole dataset.
 import errno
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import h5py
 import numpy as np
@@ -37,28 +37,32 @@ def write_slabs(
 
     slabs : dict name -> (rows of this rank, ...); the same names, trailing shapes and types on
     every rank.
-    attributes : dict name -> number, string or list of strings, stored at the root of the file
-    (equal on every rank).
+    attributes : dict name -> number, string or list of them, equal on every rank; at the root of
+    the file, or "group/name".
     front : bytes that are left free at the start of the file, a power of two from 512 on, or None.
     compression : level of gzip, 0 for none; what is compressed is written by rank 0 alone.
     The file appears under its name when it is complete, never earlier (`files.keep_names` makes the
     name last); one that cannot be completed is removed, so that its space is free again.  Raises
     PorofsiError when it cannot be written.
     """
-    slabs = {name: np.ascontiguousarray(slab) for name, slab in slabs.items()}
-    counts = np.array(comm.allgather([len(slab) for slab in slabs.values()]), dtype=int).reshape(
-        comm.size, -1
-    )
     written = temporary_name(path)
     if h5py.get_config().mpi and comm.size > 1 and not compression:
-        _write_together(written, comm, slabs, counts, attributes or {}, front)
+        _write_together(written, comm, slabs, attributes or {}, front)
     else:
         fill = partial(_make, written, attributes or {}, front, compression)
-        _write_through_root(written, comm, slabs, counts, fill)
+        write_through_root(written, comm, slabs, fill)
     on_root(comm, complete, path)
 
 
-def _write_together(path, comm, slabs, counts, attributes, front):
+def _contiguous(comm, slabs):
+    """Return slabs in C order, and their rows on all ranks, (ranks, slabs); collective."""
+    slabs = {name: np.ascontiguousarray(slab) for name, slab in slabs.items()}
+    counts = comm.allgather([len(slab) for slab in slabs.values()])
+    return slabs, np.array(counts, dtype=int).reshape(comm.size, -1)
+
+
+def _write_together(path, comm, slabs, attributes, front):
+    slabs, counts = _contiguous(comm, slabs)
     sizes = [
         column.sum() * slab[:1].nbytes
         for slab, column in zip(slabs.values(), counts.T, strict=True)
@@ -71,7 +75,7 @@ def _write_together(path, comm, slabs, counts, attributes, front):
         raise writing_error(failure, path) from failure
     starts = counts[: comm.rank].sum(axis=0)
     with file:
-        file.attrs.update(attributes)
+        _describe(file, attributes)
         for (name, slab), start, column in zip(slabs.items(), starts, counts.T, strict=True):
             dataset = file.create_dataset(name, (column.sum(), *slab.shape[1:]), slab.dtype)
             if column.min():
@@ -92,8 +96,24 @@ def require_room(path: Path, size: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
-def _write_through_root(path, comm, slabs, counts, fill):
-    """Let rank 0 fill a file with `_pieces`, fill(pieces) (collective)."""
+def _describe(file, attributes):
+    for name, value in attributes.items():
+        group, _, key = name.rpartition("/")
+        (file.require_group(group) if group else file).attrs[key] = value
+
+
+Pieces = Iterator[tuple[str, int, int, np.ndarray]]
+
+
+def write_through_root(
+    path: Path, comm: MPI.Comm, slabs: Mapping[str, np.ndarray], fill: Callable[[Pieces], None]
+) -> None:
+    """Let rank 0 fill a file with the rows of all ranks; collective.
+
+    slabs : as of `write_slabs`; fill : gets an iterator of name, rows of all ranks, first of these
+    rows, these rows.  Raises PorofsiError when it cannot be written.
+    """
+    slabs, counts = _contiguous(comm, slabs)
     pieces = _pieces(comm, slabs, counts)
     error = None
     if comm.rank == 0:
@@ -109,7 +129,7 @@ def _write_through_root(path, comm, slabs, counts, fill):
 def _make(path, attributes, front, compression, pieces):
     """Make a file of the pieces of its datasets; remove it where that fails."""
     try:
-        with patiently(_PatientFile(path)) as patient:
+        with patiently(PatientFile(path)) as patient:
             _fill(patient, pieces, attributes, front, compression)
     except OSError:
         with suppress(OSError):
@@ -117,18 +137,7 @@ def _make(path, attributes, front, compression, pieces):
         raise
 
 
-@contextmanager
-def patiently(patient):
-    """Close a `_PatientFile` and raise its first error, from which all others follow."""
-    with patient:
-        try:
-            yield patient
-        finally:
-            if patient.error is not None:
-                raise patient.error
-
-
-class _PatientFile(io.FileIO):
+class PatientFile(io.FileIO):
     """A file in which nothing fails: HDF5 ends with a segmentation fault after a write that did, on
     a full disk, say.
 
@@ -137,11 +146,11 @@ class _PatientFile(io.FileIO):
 
     error = None
 
-    def __init__(self, path):
-        """Make the file anew."""
-        super().__init__(path, "w+")
+    def __init__(self, path: Path, mode: str = "w+") -> None:
+        """Open the file, by default anew."""
+        super().__init__(path, mode)
 
-    def write(self, data):
+    def write(self, data: Any) -> int:
         """Write all bytes."""
         rest = memoryview(data).cast("B")
         with self._keeping_errors():
@@ -149,7 +158,7 @@ class _PatientFile(io.FileIO):
                 rest = rest[super().write(rest) :]
         return len(data)
 
-    def readinto(self, buffer):
+    def readinto(self, buffer: Any) -> int:
         """Give back what was written, and zeros for what was not."""
         rest = memoryview(buffer).cast("B")
         with self._keeping_errors():
@@ -158,11 +167,11 @@ class _PatientFile(io.FileIO):
         rest[:] = bytes(len(rest))
         return len(buffer)
 
-    def truncate(self, size=None):
+    def truncate(self, size: int | None = None) -> int:
         """Set the size of the file."""
         with self._keeping_errors():
             super().truncate(size)
-        return size
+        return self.tell() if size is None else size
 
     @contextmanager
     def _keeping_errors(self):
@@ -172,9 +181,23 @@ class _PatientFile(io.FileIO):
             self.error = self.error or failure
 
 
+Patient = TypeVar("Patient", bound=PatientFile)
+
+
+@contextmanager
+def patiently(patient: Patient) -> Iterator[Patient]:
+    """Close a `PatientFile` and raise its first error, from which all others follow."""
+    with patient:
+        try:
+            yield patient
+        finally:
+            if patient.error is not None:
+                raise patient.error
+
+
 def _fill(patient, pieces, attributes, front, compression):
     with h5py.File(patient, "w", userblock_size=front) as file:
-        file.attrs.update(attributes)
+        _describe(file, attributes)
         for name, n_rows, start, rows in pieces:
             shape = (n_rows, *rows.shape[1:])
             how = filters(shape, compression)

@@ -11,10 +11,14 @@ from ..output.fields import FieldWriter, Storage
 from ..output.history import History
 from ..output.lines import LineFile
 from ..output.times import Times
+from ..output.vtkhdf import VtkhdfWriter
 
 if TYPE_CHECKING:
     from ..output.progress import Progress
     from .simulation import Simulation
+
+WRITERS: dict[str, type[FieldWriter] | type[VtkhdfWriter]]
+WRITERS = {"xdmf": FieldWriter, "vtkhdf": VtkhdfWriter}
 
 
 class Records:
@@ -28,7 +32,7 @@ class Records:
         self._mesh = simulation.coupling.solid.mesh
         self.progress: Progress  # of who runs
         self._history: History  # by `open`
-        self._fields: FieldWriter | None = None
+        self._fields: FieldWriter | VtkhdfWriter | None = None
         self._lines: dict[str, LineFile] = {}
         self._last_checkpoint = time.monotonic()
 
@@ -45,7 +49,8 @@ class Records:
         self._before = self._simulation.time
         if self._output.has_fields:
             storage = Storage(self._output.precision, self._output.compression)
-            self._fields = FieldWriter(self._directory, self._mesh, storage)
+            writer = WRITERS[self._output.format]
+            self._fields = writer(self._directory, self._mesh, storage)
         self._history = History(self._directory, columns, comm, resumed_at)
         self._lines = {
             line.name: LineFile(self._directory, line.name, line.quantities, comm, resumed_at)
