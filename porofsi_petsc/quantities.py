@@ -42,6 +42,17 @@ FIELDS = {
     "porosity": "1",
     PLASTIC_STRAIN: "1",
 }
+# What is made of them where it is asked for -> unit.
+DERIVED_FIELDS = {
+    "effective stress": "Pa",
+    "total stress": "Pa",
+    "strain": "1",
+    "mean effective stress": "Pa",
+    "von Mises stress": "Pa",
+    "principal stresses": "Pa",
+    "Darcy velocity": "m/s",
+    "vorticity": "1/s",
+}
 
 
 class SurfaceQuantity(NamedTuple):

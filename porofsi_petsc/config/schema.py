@@ -10,7 +10,7 @@ from ..conditions import CONDITIONS
 from ..errors import digits, listed, shown
 from ..materials import ELASTIC, PERMEABILITY
 from ..materials.fibres import mirrored
-from ..quantities import FIELDS, OF_STRESS, PLASTIC_STRAIN, SURFACES
+from ..quantities import DERIVED_FIELDS, FIELDS, OF_STRESS, PLASTIC_STRAIN, SURFACES
 from .conditions import (
     BodyForce,
     BodyForces,
@@ -203,6 +203,17 @@ class Scene(Table):
         absent |= set() if self.is_porous else {"porosity"}
         absent |= set() if self.is_plastic else {PLASTIC_STRAIN}
         return tuple(name for name in FIELDS if name not in absent)
+
+    @property
+    def derived_field_names(self) -> tuple[str, ...]:
+        """Return what can be made of the fields of the scene."""
+        solids, fluids = self.phases
+        of_fluid = {"vorticity"}
+        of_pores = {"total stress", "Darcy velocity"}
+        absent = of_pores if not self.is_porous else set()
+        absent |= set() if fluids else of_fluid
+        absent |= set() if solids else DERIVED_FIELDS.keys() - of_fluid
+        return tuple(name for name in DERIVED_FIELDS if name not in absent)
 
     @property
     def full_newton(self) -> bool:
@@ -935,9 +946,10 @@ class Scene(Table):
             raise wrong(
                 f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of"
             )
+        known = (*self.field_names, *self.derived_field_names)
         for name in self.output.fields:
-            if name not in self.field_names:
-                text = f"which the scene has not; choose from {listed(self.field_names)}"
+            if name not in known:
+                text = f"which the scene has not; choose from {listed(known)}"
                 raise wrong(f"received {shown(name)}, {text}", "output.fields")
         self._check_paths(recorded)
 

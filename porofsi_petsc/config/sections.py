@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, Strict, model_validator
 
 from ..accelerators import ACCELERATORS
 from ..errors import digits, shown
-from ..quantities import BUILT_IN, FIELDS, QUANTITIES, SURFACES
+from ..quantities import BUILT_IN, DERIVED_FIELDS, FIELDS, QUANTITIES, SURFACES
 from .steps import MOST_STEPS, RESOLUTION, number_of_steps
 from .types import (
     Coefficient,
@@ -366,7 +366,9 @@ class Output(Table):
     """
 
     fields: Annotated[
-        tuple[Annotated[Text, OneOf(FIELDS)], ...], ListOf(), AfterValidator(distinct)
+        tuple[Annotated[Text, OneOf(FIELDS | DERIVED_FIELDS)], ...],
+        ListOf(),
+        AfterValidator(distinct),
     ] = ()
     fields_every: Count | None = None
     fields_interval: Positive | None = None
