@@ -1,5 +1,5 @@
-"""What [[probe]] and [[surface]] record: the names of the package, and quantities of one's own at
-probes.
+"""What [[probe]] and [[surface]] record and what fields are written: the names of the package, and
+quantities of one's own at probes.
 """
 
 from collections.abc import Mapping
@@ -30,6 +30,29 @@ BUILT_IN = (
     "n_f",
     *OF_STRESS,
 )
+
+
+# Nodal fields that are written by default, where the scene has them -> unit.
+FIELDS = {
+    "displacement": "m",
+    "pressure": "Pa",
+    "solid velocity": "m/s",
+    "fluid velocity": "m/s",
+    "stress": "Pa",
+    "porosity": "1",
+    PLASTIC_STRAIN: "1",
+}
+# What is made of them where it is asked for -> unit.
+DERIVED_FIELDS = {
+    "effective stress": "Pa",
+    "total stress": "Pa",
+    "strain": "1",
+    "mean effective stress": "Pa",
+    "von Mises stress": "Pa",
+    "principal stresses": "Pa",
+    "Darcy velocity": "m/s",
+    "vorticity": "1/s",
+}
 
 
 class SurfaceQuantity(NamedTuple):

@@ -13,11 +13,12 @@ from porofsi_petsc.fem.distribute import distribute
 from porofsi_petsc.mesh.generate import rectangle
 from porofsi_petsc.output.checkpoint import open_checkpoint, read_arrays, write_checkpoint
 from porofsi_petsc.output.directory import Claim
-from porofsi_petsc.output.fields import FieldWriter
+from porofsi_petsc.output.fields import FieldWriter, Storage
 from porofsi_petsc.output.files import on_root
 from porofsi_petsc.output.hdf5 import read_slab, write_slabs
 from porofsi_petsc.output.history import History, read_history
 from porofsi_petsc.output.probes import Probes
+from porofsi_petsc.output.vtkhdf import VtkhdfWriter
 
 pytestmark = pytest.mark.mpi
 COMM = MPI.COMM_WORLD
@@ -88,6 +89,38 @@ def test_fields_are_those_of_the_serial_mesh(shared_path):
     assert np.array_equal(point_data["displacement"][:, :2], serial.points)
     assert np.array_equal(point_data["pressure"], serial.points[:, 0])
     assert np.array_equal(cell_data["region"][0], serial.cell_region)
+
+
+def test_a_vtkhdf_file_is_that_of_the_serial_mesh(shared_path):
+    """The same datasets, to the last bit, as one rank alone writes them."""
+    alone = shared_path / "alone"
+    whole = distribute(MPI.COMM_SELF, block(), np.zeros(len(block().points), dtype=int))
+    on_root(COMM, alone.mkdir)
+    for mesh, folder in ((local_mesh(3), shared_path), (whole, alone)):
+        if mesh.comm.size == 1 < COMM.size and COMM.rank:
+            continue
+        writer = VtkhdfWriter(folder, mesh, Storage("float32", 1))
+        for step in range(4):
+            X = mesh.X[: mesh.n_owned]
+            writer.write(step, 0.5 * step, {"displacement": step * X, "pressure": X[:, 0]})
+        writer.truncate(0.7)
+        writer.write(2, 1.0, {"displacement": 9 * X, "pressure": X[:, 1]})
+    COMM.barrier()
+    one, other = (datasets(folder / "fields.vtkhdf") for folder in (shared_path, alone))
+    assert one.keys() == other.keys() and len(one["VTKHDF/Steps/Values"]) == 3
+    assert all(np.array_equal(one[name], other[name]) for name in one)
+
+
+def datasets(path):
+    """Return place -> array of an HDF5 file."""
+    found = {}
+    with h5py.File(path, "r") as file:
+        file.visititems(
+            lambda place, item: (
+                found.update({place: item[()]}) if isinstance(item, h5py.Dataset) else None
+            )
+        )
+    return found
 
 
 def test_probes_do_not_depend_on_the_partition():

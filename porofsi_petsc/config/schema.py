@@ -10,7 +10,7 @@ from ..conditions import CONDITIONS
 from ..errors import digits, listed, shown
 from ..materials import ELASTIC, PERMEABILITY
 from ..materials.fibres import mirrored
-from ..quantities import OF_STRESS, PLASTIC_STRAIN, SURFACES
+from ..quantities import DERIVED_FIELDS, FIELDS, OF_STRESS, PLASTIC_STRAIN, SURFACES
 from .conditions import (
     WEIGHT,
     BodyForce,
@@ -194,6 +194,29 @@ class Scene(Table):
         """Return whether a solid or skeleton is plastic, in some stage."""
         later = (material for stage in self.stage for material in stage.material)
         return any(m.elastic_law().plastic for m in (*self.material, *later) if m.solid)
+
+    @property
+    def field_names(self) -> tuple[str, ...]:
+        """Return the nodal fields that the scene has; what it has no phase for is no field of
+        it.
+        """
+        solids, fluids = self.phases
+        absent = set() if solids else {"displacement", "solid velocity", "stress"}
+        absent |= set() if fluids else {"pressure", "fluid velocity"}
+        absent |= set() if self.is_porous else {"porosity"}
+        absent |= set() if self.is_plastic else {PLASTIC_STRAIN}
+        return tuple(name for name in FIELDS if name not in absent)
+
+    @property
+    def derived_field_names(self) -> tuple[str, ...]:
+        """Return what can be made of the fields of the scene."""
+        solids, fluids = self.phases
+        of_fluid = {"vorticity"}
+        of_pores = {"total stress", "Darcy velocity"}
+        absent = of_pores if not self.is_porous else set()
+        absent |= set() if fluids else of_fluid
+        absent |= set() if solids else DERIVED_FIELDS.keys() - of_fluid
+        return tuple(name for name in DERIVED_FIELDS if name not in absent)
 
     @property
     def full_newton(self) -> bool:
@@ -934,6 +957,11 @@ class Scene(Table):
             raise wrong(
                 f"{received}; {closest(self.output.period_of, recorded)}", "output.period_of"
             )
+        known = (*self.field_names, *self.derived_field_names)
+        for name in self.output.fields:
+            if name not in known:
+                text = f"which the scene has not; choose from {listed(known)}"
+                raise wrong(f"received {shown(name)}, {text}", "output.fields")
         self._check_paths(recorded)
 
     def _check_difference(self, expect, where):

@@ -4,11 +4,11 @@ expectations.
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, Strict, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, Strict, model_validator
 
 from ..accelerators import ACCELERATORS
 from ..errors import digits, shown
-from ..quantities import BUILT_IN, QUANTITIES, SURFACES
+from ..quantities import BUILT_IN, DERIVED_FIELDS, FIELDS, QUANTITIES, SURFACES
 from .steps import MOST_STEPS, RESOLUTION, number_of_steps
 from .types import (
     Coefficient,
@@ -26,6 +26,7 @@ from .types import (
     Tags,
     Text,
     Vector,
+    distinct,
     wrong,
 )
 
@@ -360,16 +361,46 @@ class Interface(Table):
 
 
 class Output(Table):
-    """Intervals of the output, in steps (minutes where it says so); absent means never.
+    """When what is written, and how; an interval or a list that is absent means never.
 
-    period_of : the column of the history whose last full period is analysed
+    fields : what is written, all that the scene has by default; fields_every [steps],
+    fields_interval [s], fields_times [s] : when, at the first step that reaches the time, and at
+    the start and the end; format, precision, compression : of the file, of a number, level of gzip
+    (0: none); period_of : the column of the history whose last full period is analysed
     """
 
+    fields: Annotated[
+        tuple[Annotated[Text, OneOf(FIELDS | DERIVED_FIELDS)], ...],
+        ListOf(),
+        AfterValidator(distinct),
+    ] = ()
     fields_every: Count | None = None
+    fields_interval: Positive | None = None
+    fields_times: Annotated[tuple[Annotated[Number, Field(ge=0)], ...], ListOf()] = ()
+    format: Literal["xdmf", "vtkhdf"] = "xdmf"
+    precision: Literal["float64", "float32"] = "float64"
+    compression: Annotated[int, Strict(), Field(ge=0, le=9)] = 0
     checkpoint_every: Count | None = None
     checkpoint_minutes: Positive | None = None
     history_every: Count = 1
     period_of: Text | None = None
+
+    @property
+    def has_fields(self) -> bool:
+        """Return whether fields are written."""
+        return bool(self.fields_every or self.fields_interval or self.fields_times)
+
+    @model_validator(mode="after")
+    def _fields_have_times(self) -> "Output":
+        for key in ("fields", "format", "precision", "compression"):
+            if key in self.model_fields_set and not self.has_fields:
+                value = getattr(self, key)
+                default = type(self).model_fields[key].default
+                if value != default:
+                    text = "expected fields_every, fields_interval or fields_times beside it"
+                    received = list(value) if isinstance(value, tuple) else value
+                    raise wrong(f"received {shown(received)} without a time, {text}", key)
+        return self
 
 
 class Figures(Table):

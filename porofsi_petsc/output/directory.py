@@ -20,7 +20,7 @@ from .lock import Lock
 # Every file that a run writes, as a regular expression of its path in the directory; each may have
 # .tmp behind it.
 WRITTEN = re.compile(
-    r"(history\.csv|summary\.json|scene\.toml|run\.log|profiles\.csv|line_[A-Za-z_][A-Za-z0-9_\-]*\.(csv|png)|fields\.xdmf(\.next)?|checkpoint(\.next|\.previous)?\.h5|"
+    r"(history\.csv|summary\.json|scene\.toml|run\.log|profiles\.csv|line_[A-Za-z_][A-Za-z0-9_\-]*\.(csv|png)|fields\.xdmf(\.next)?|fields\.vtkhdf(\.journal)?|checkpoint(\.next|\.previous)?\.h5|"
     r"(pressure|velocity|displacement|histories|paths|reference)\.png|fields/(mesh|\d{6,})\.h5)(\.tmp)?"
 )
 FIELDS = "fields"

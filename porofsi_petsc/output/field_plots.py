@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .fields import Snapshot
-from .hdf5 import read_slab
+from .snapshots import Snapshot
 from .surface import Surface
 from .units import plain, scaled_unit, significant
 
@@ -77,7 +76,7 @@ def displacement(snapshot: Snapshot, surface: Surface) -> np.ndarray:
     """Return u, (N, d) [m], of a snapshot; zero where it was not written."""
     if "displacement" not in snapshot.shapes:
         return np.zeros_like(surface.points)
-    return read_slab(snapshot.path, "displacement")[:, : surface.dim]
+    return snapshot.read("displacement")[:, : surface.dim]
 
 
 def colour_scale(values: Sequence[np.ndarray], unit: str) -> Scale:

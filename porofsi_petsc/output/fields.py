@@ -8,43 +8,44 @@ fields/000010.h5   step 10: one dataset per field, (N,) scalar, (N, 3) vector, (
 """
 
 import os
-import re
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
 from ..fem.distribute import LocalMesh
-from ..fem.natural_order import NaturalOrder
 from .files import keep_names, on_root
-from .hdf5 import read_attributes, write_slabs
-from .xdmf import ATTRIBUTE_TYPE, Collection, Grids
-
-FOLDER = "fields"
-XDMF = "fields.xdmf"
-STEP = re.compile(r"\d{6,}\.h5")  # names of the files of a time
+from .hdf5 import Layout, write_slabs
+from .slabs import field_slabs, mesh_attributes, mesh_slabs
+from .snapshots import FOLDER, VTKHDF, XDMF, Snapshot, read_snapshots, require_no_other
+from .xdmf import Collection, Grids
 
 
-class Snapshot(NamedTuple):
-    """A written time; shapes : dict name of a field -> shape of its dataset."""
+class Storage(NamedTuple):
+    """How fields are kept; compression : level of gzip, 0 for none."""
 
-    step: int
-    time: float
-    path: Path
-    shapes: dict
+    precision: str = "float64"
+    compression: int = 0
+
+
+EXACT = Storage()
 
 
 class FieldWriter:
     """Writes fields in the natural order; what was written before in the directory is kept."""
 
-    def __init__(self, directory: str | os.PathLike[str], mesh: LocalMesh) -> None:
+    def __init__(
+        self, directory: str | os.PathLike[str], mesh: LocalMesh, storage: Storage = EXACT
+    ) -> None:
         """Pick up the times already in the directory and write the mesh; collective.
 
         Raises InputError when a file of a time cannot be read.
         """
         self.directory = Path(directory)
         self.mesh = mesh
+        self._type = np.dtype(storage.precision)
+        self._compression = storage.compression
+        on_root(mesh.comm, require_no_other, self.directory / VTKHDF, "xdmf")
         on_root(mesh.comm, _make_folder, self.directory)
         self.n_points = mesh.n_global
         self.cells_shape = (mesh.n_cells_global, mesh.cells.shape[1])
@@ -57,17 +58,14 @@ class FieldWriter:
     def write(self, step: int, time: float, fields: dict[str, np.ndarray]) -> None:
         """Write the fields of one step and list them in the XDMF file; collective.
 
-        fields : dict name -> (n_owned, k) or (n_owned,), k = 1 scalar, mesh.dim vector, 6 symmetric
-        tensor.
+        fields : as `field_slabs` takes them.
         """
         path = self.directory / FOLDER / f"{step:06d}.h5"
-        slabs = {
-            name: self.mesh.order.to_slab(_columns(name, array, self.mesh.dim))
-            for name, array in fields.items()
-        }
-        write_slabs(path, self.mesh.comm, slabs, {"step": step, "time": time})
+        slabs = field_slabs(self.mesh, fields, self._type)
+        attributes = {"step": step, "time": time}
+        write_slabs(path, self.mesh.comm, slabs, attributes, compression=self._compression)
         shapes = {name: (self.n_points, *slab.shape[1:]) for name, slab in slabs.items()}
-        self._list(Snapshot(step, time, path, shapes))
+        self._list(Snapshot(step, time, path, shapes, self._type.itemsize))
 
     def _list(self, snapshot):
         """List a time that was written in the collection."""
@@ -92,16 +90,8 @@ class FieldWriter:
         on_root(self.mesh.comm, keep_names, self.directory / FOLDER)
 
     def _write_mesh(self):
-        mesh = self.mesh
-        owned = mesh.cell_owned
-        cell_order = NaturalOrder(mesh.comm, mesh.cell_natural[owned], mesh.n_cells_global)
-        slabs = {
-            "points": mesh.order.to_slab(_padded(mesh.X[: mesh.n_owned])),
-            "cells": cell_order.to_slab(mesh.natural[mesh.cells[owned]].astype(np.int64)),
-            "region": cell_order.to_slab(mesh.cell_region[owned].astype(np.int32)),
-        }
-        attributes = {"element": mesh.element.name, "dim": mesh.dim, "regions": list(mesh.regions)}
-        write_slabs(self.directory / FOLDER / "mesh.h5", mesh.comm, slabs, attributes)
+        path = self.directory / FOLDER / "mesh.h5"
+        write_slabs(path, self.mesh.comm, mesh_slabs(self.mesh), mesh_attributes(self.mesh))
 
     def _rewrite_collection(self):
         self._steps = {snapshot.step for snapshot in self.snapshots}
@@ -110,33 +100,10 @@ class FieldWriter:
 
     def _grid(self, snapshot):
         place = f"{FOLDER}/{snapshot.path.name}"
-        return self._grids.at(snapshot.step, snapshot.time, place, snapshot.shapes)
-
-
-def read_snapshots(directory: str | os.PathLike[str]) -> list[Snapshot]:
-    """Return the Snapshots (step, time, path, shapes) written in the directory, in the order of
-    time.
-
-    Files with other names than those of a step are not looked at.  Raises InputError when one
-    cannot be read.
-    """
-    paths = sorted((Path(directory) / FOLDER).glob("*.h5"))
-    return sorted(_snapshot(path) for path in paths if STEP.fullmatch(path.name))
-
-
-def _snapshot(path):
-    attributes, shapes = read_attributes(path)
-    step = attributes.get("step")
-    time = attributes.get("time")
-    numbers = isinstance(step, np.integer) and isinstance(time, np.floating) and np.isfinite(time)
-    if (
-        not numbers
-        or step != int(path.stem)
-        or not all(shape and shape[1:] in ATTRIBUTE_TYPE for shape in shapes.values())
-    ):
-        text = "an HDF5 file, but not the fields of the step in its name as porofsi writes them"
-        raise InputError(f"{path}: {text}; move it away")
-    return Snapshot(int(step), float(time), path, shapes)
+        fields = {
+            name: Layout(shape, snapshot.precision) for name, shape in snapshot.shapes.items()
+        }
+        return self._grids.at(snapshot.step, snapshot.time, place, fields)
 
 
 def _make_folder(directory):
@@ -146,18 +113,3 @@ def _make_folder(directory):
 def _remove(paths):
     for path in paths:
         path.unlink(missing_ok=True)
-
-
-def _columns(name, array, dim):
-    array = np.asarray(array, dtype=float)
-    if array.ndim == 1 or array.shape[1] == 1:
-        return array.reshape(len(array))
-    if array.shape[1] == dim:
-        return _padded(array)
-    if array.shape[1] == 6:
-        return array
-    raise ValueError(f"field {name}: received {array.shape[1]} components, expected 1, {dim} or 6")
-
-
-def _padded(vectors):
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))

@@ -9,15 +9,14 @@ import numpy as np
 
 from ..errors import InputError
 from .field_plots import deformation_scale, displacement, draw_field
-from .fields import FOLDER, Snapshot, read_snapshots
 from .files import parse_toml, publish, temporary_name
-from .hdf5 import read_slab
 from .history import NAME as HISTORY
 from .history import read_history
 from .history_plots import draw_histories, draw_paths, kind_of
 from .lines import draw_line, file_of, read_line
 from .profiles import NAME as PROFILES
 from .profiles import draw_profiles, read_profiles
+from .snapshots import Snapshot, has_mesh, read_snapshots
 from .surface import read_regions, read_surface
 
 STYLE = {
@@ -78,7 +77,7 @@ def _scene(directory):
 
 def _field_figures(directory, scene, settings):
     snapshots = choose_snapshots(read_snapshots(directory), settings.get("times", []))
-    if not snapshots or not (directory / FOLDER / "mesh.h5").is_file():
+    if not snapshots or not has_mesh(directory):
         return []
     media = media_of(scene, read_regions(directory))
     cut = settings.get("cut")
@@ -124,11 +123,11 @@ def media_of(scene: dict[str, Any], regions: Sequence[str]) -> dict[str, str]:
 
 
 def _pressure(snapshot, surface):
-    return read_slab(snapshot.path, "pressure")
+    return snapshot.read("pressure")
 
 
 def _speed(snapshot, surface):
-    return np.linalg.norm(read_slab(snapshot.path, "fluid velocity"), axis=1)
+    return np.linalg.norm(snapshot.read("fluid velocity"), axis=1)
 
 
 def _magnitude(snapshot, surface):

@@ -8,10 +8,11 @@ slab at a time, so that no rank ever holds a whole dataset.
 import errno
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import h5py
 import numpy as np
@@ -20,6 +21,7 @@ from mpi4py import MPI
 from ..errors import InputError
 from .files import complete, on_root, raise_everywhere, temporary_name, writing_error
 
+CHUNK_ROWS = 1 << 14  # rows of a dataset that are compressed together
 STRUCTURE = 1 << 16  # [bytes] more than the structure of a file takes beside data and attributes
 
 
@@ -29,29 +31,38 @@ def write_slabs(
     slabs: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     front: int | None = None,
+    compression: int = 0,
 ) -> None:
     """Write one dataset per name from the rows of all ranks, in the order of the ranks; collective.
 
     slabs : dict name -> (rows of this rank, ...); the same names, trailing shapes and types on
     every rank.
-    attributes : dict name -> number, string or list of strings, stored at the root of the file
-    (equal on every rank).
+    attributes : dict name -> number, string or list of them, equal on every rank; at the root of
+    the file, or "group/name".
     front : bytes that are left free at the start of the file, a power of two from 512 on, or None.
+    compression : level of gzip, 0 for none; what is compressed is written by rank 0 alone.
     The file appears under its name when it is complete, never earlier (`files.keep_names` makes the
     name last); one that cannot be completed is removed, so that its space is free again.  Raises
     PorofsiError when it cannot be written.
     """
-    slabs = {name: np.ascontiguousarray(slab) for name, slab in slabs.items()}
-    counts = np.array(comm.allgather([len(slab) for slab in slabs.values()]), dtype=int).reshape(
-        comm.size, -1
-    )
-    parallel = h5py.get_config().mpi and comm.size > 1
-    write = _write_together if parallel else _write_through_root
-    write(temporary_name(path), comm, slabs, counts, attributes or {}, front)
+    written = temporary_name(path)
+    if h5py.get_config().mpi and comm.size > 1 and not compression:
+        _write_together(written, comm, slabs, attributes or {}, front)
+    else:
+        fill = partial(_make, written, attributes or {}, front, compression)
+        write_through_root(written, comm, slabs, fill)
     on_root(comm, complete, path)
 
 
-def _write_together(path, comm, slabs, counts, attributes, front):
+def _contiguous(comm, slabs):
+    """Return slabs in C order, and their rows on all ranks, (ranks, slabs); collective."""
+    slabs = {name: np.ascontiguousarray(slab) for name, slab in slabs.items()}
+    counts = comm.allgather([len(slab) for slab in slabs.values()])
+    return slabs, np.array(counts, dtype=int).reshape(comm.size, -1)
+
+
+def _write_together(path, comm, slabs, attributes, front):
+    slabs, counts = _contiguous(comm, slabs)
     sizes = [
         column.sum() * slab[:1].nbytes
         for slab, column in zip(slabs.values(), counts.T, strict=True)
@@ -64,7 +75,7 @@ def _write_together(path, comm, slabs, counts, attributes, front):
         raise writing_error(failure, path) from failure
     starts = counts[: comm.rank].sum(axis=0)
     with file:
-        file.attrs.update(attributes)
+        _describe(file, attributes)
         for (name, slab), start, column in zip(slabs.items(), starts, counts.T, strict=True):
             dataset = file.create_dataset(name, (column.sum(), *slab.shape[1:]), slab.dtype)
             if column.min():
@@ -85,31 +96,48 @@ def require_room(path: Path, size: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
-def _write_through_root(path, comm, slabs, counts, attributes, front):
+def _describe(file, attributes):
+    for name, value in attributes.items():
+        group, _, key = name.rpartition("/")
+        (file.require_group(group) if group else file).attrs[key] = value
+
+
+Pieces = Iterator[tuple[str, int, int, np.ndarray]]
+
+
+def write_through_root(
+    path: Path, comm: MPI.Comm, slabs: Mapping[str, np.ndarray], fill: Callable[[Pieces], None]
+) -> None:
+    """Let rank 0 fill a file with the rows of all ranks; collective.
+
+    slabs : as of `write_slabs`; fill : gets an iterator of name, rows of all ranks, first of these
+    rows, these rows.  Raises PorofsiError when it cannot be written.
+    """
+    slabs, counts = _contiguous(comm, slabs)
     pieces = _pieces(comm, slabs, counts)
     error = None
     if comm.rank == 0:
         try:
-            _write_pieces(path, pieces, attributes, front)
+            fill(pieces)
         except OSError as failure:
             error = writing_error(failure, path)
-            with suppress(OSError):
-                path.unlink()
     for _ in pieces:  # the other ranks send; after an error rank 0 still takes what they send
         pass
     raise_everywhere(comm, error)
 
 
-def _write_pieces(path, pieces, attributes, front):
-    with _PatientFile(path) as patient:
-        try:
-            _fill(patient, pieces, attributes, front)
-        finally:
-            if patient.error is not None:  # what else goes wrong follows from it
-                raise patient.error
+def _make(path, attributes, front, compression, pieces):
+    """Make a file of the pieces of its datasets; remove it where that fails."""
+    try:
+        with patiently(PatientFile(path)) as patient:
+            _fill(patient, pieces, attributes, front, compression)
+    except OSError:
+        with suppress(OSError):
+            path.unlink()
+        raise
 
 
-class _PatientFile(io.FileIO):
+class PatientFile(io.FileIO):
     """A file in which nothing fails: HDF5 ends with a segmentation fault after a write that did, on
     a full disk, say.
 
@@ -118,11 +146,11 @@ class _PatientFile(io.FileIO):
 
     error = None
 
-    def __init__(self, path):
-        """Make the file anew."""
-        super().__init__(path, "w+")
+    def __init__(self, path: Path, mode: str = "w+") -> None:
+        """Open the file, by default anew."""
+        super().__init__(path, mode)
 
-    def write(self, data):
+    def write(self, data: Any) -> int:
         """Write all bytes."""
         rest = memoryview(data).cast("B")
         with self._keeping_errors():
@@ -130,7 +158,7 @@ class _PatientFile(io.FileIO):
                 rest = rest[super().write(rest) :]
         return len(data)
 
-    def readinto(self, buffer):
+    def readinto(self, buffer: Any) -> int:
         """Give back what was written, and zeros for what was not."""
         rest = memoryview(buffer).cast("B")
         with self._keeping_errors():
@@ -139,11 +167,11 @@ class _PatientFile(io.FileIO):
         rest[:] = bytes(len(rest))
         return len(buffer)
 
-    def truncate(self, size=None):
+    def truncate(self, size: int | None = None) -> int:
         """Set the size of the file."""
         with self._keeping_errors():
             super().truncate(size)
-        return size
+        return self.tell() if size is None else size
 
     @contextmanager
     def _keeping_errors(self):
@@ -153,12 +181,41 @@ class _PatientFile(io.FileIO):
             self.error = self.error or failure
 
 
-def _fill(patient, pieces, attributes, front):
+Patient = TypeVar("Patient", bound=PatientFile)
+
+
+@contextmanager
+def patiently(patient: Patient) -> Iterator[Patient]:
+    """Close a `PatientFile` and raise its first error, from which all others follow."""
+    with patient:
+        try:
+            yield patient
+        finally:
+            if patient.error is not None:
+                raise patient.error
+
+
+def _fill(patient, pieces, attributes, front, compression):
     with h5py.File(patient, "w", userblock_size=front) as file:
-        file.attrs.update(attributes)
+        _describe(file, attributes)
         for name, n_rows, start, rows in pieces:
-            dataset = file.require_dataset(name, (n_rows, *rows.shape[1:]), rows.dtype)
+            shape = (n_rows, *rows.shape[1:])
+            how = filters(shape, compression)
+            dataset = file.require_dataset(name, shape, rows.dtype, **how)
             dataset[start : start + len(rows)] = rows
+
+
+def filters(shape: tuple[int, ...], compression: int) -> dict[str, Any]:
+    """Return the options of a dataset of a shape that make it compressed, none for level 0."""
+    if not compression:
+        return {}
+    chunks = (min(max(shape[0], 1), CHUNK_ROWS), *shape[1:])
+    return {
+        "chunks": chunks,
+        "shuffle": True,
+        "compression": "gzip",
+        "compression_opts": compression,
+    }
 
 
 def _pieces(comm, slabs, counts):
@@ -200,11 +257,17 @@ def read_slab(
         return file[name][start:stop]
 
 
-def read_attributes(
-    path: str | os.PathLike[str],
-) -> tuple[dict[str, Any], dict[str, tuple[int, ...]]]:
-    """Return the attributes at the root of the file and the shape of every dataset.  Raises
+class Layout(NamedTuple):
+    """What a dataset holds: its shape and the bytes of a number."""
+
+    shape: tuple[int, ...]
+    precision: int
+
+
+def read_attributes(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Layout]]:
+    """Return the attributes at the root of the file and the `Layout` of every dataset.  Raises
     InputError.
     """
     with reading(path) as file:
-        return dict(file.attrs), {name: dataset.shape for name, dataset in file.items()}
+        layouts = {name: Layout(item.shape, item.dtype.itemsize) for name, item in file.items()}
+        return dict(file.attrs), layouts

@@ -10,8 +10,8 @@ from mpi4py import MPI
 from ..errors import InputError
 from ..mesh.read import read_mesh
 from . import checkpoint, history, summary
-from .fields import read_snapshots
 from .files import parse_toml
+from .snapshots import fields_file, read_snapshots
 
 SHORT_SUMMARY = (
     "scene",
@@ -139,7 +139,7 @@ def _describe_directory(path):
     if snapshots:
         span = f"{snapshots[0].time:.6g} s to {snapshots[-1].time:.6g} s"
         rows = [("times", f"{len(snapshots)}, {span}"), ("names", ", ".join(snapshots[-1].shapes))]
-        parts.append(_table(f"fields {path / 'fields.xdmf'}", rows))
+        parts.append(_table(f"fields {fields_file(path)}", rows))
     if not parts:
         raise InputError(
             f"{path}: holds no results of porofsi; give the DIR of porofsi run, or a file"

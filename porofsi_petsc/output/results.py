@@ -1,14 +1,12 @@
 """The fields of a finished run as arrays, for evaluations of one's own."""
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, digits
-from .fields import FOLDER, read_snapshots
-from .hdf5 import read_attributes, read_slab
+from .snapshots import has_mesh, read_snapshots, read_written_mesh
 
 SAME_TIME = 1e-9  # relative: a time read from a text has lost its last digits
 
@@ -22,8 +20,7 @@ def read_fields(directory: str | os.PathLike, time: float | None = None) -> dict
     no fields, or none of that time.
     """
     snapshots = read_snapshots(directory)
-    mesh = Path(directory) / FOLDER / "mesh.h5"
-    if not snapshots or not mesh.is_file():
+    if not snapshots or not has_mesh(directory):
         text = "no fields of a run, expected those that output.fields_every writes"
         raise InputError(f"{directory}: {text}; give the result directory of a run")
     last = snapshots[-1].time
@@ -33,10 +30,6 @@ def read_fields(directory: str | os.PathLike, time: float | None = None) -> dict
     if time is not None and abs(nearest.time - time) > SAME_TIME * abs(time):
         received = f"received the time {digits(time)} s, expected one that was written"
         raise InputError(f"{directory}: {received}; the nearest is {digits(nearest.time)} s")
-    names = read_attributes(mesh)[1].keys() & {"points", "cells"}
-    found = {name: read_slab(mesh, name) for name in sorted(names)}
-    return (
-        {"t": np.float64(nearest.time)}
-        | found
-        | {name: read_slab(nearest.path, name) for name in nearest.shapes}
-    )
+    mesh = read_written_mesh(directory)
+    found = {"t": np.float64(nearest.time), "points": mesh.points, "cells": mesh.cells}
+    return found | {name: nearest.read(name) for name in nearest.shapes}

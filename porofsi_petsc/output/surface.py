@@ -11,8 +11,7 @@ import numpy as np
 
 from ..elements import ELEMENTS, Element
 from ..mesh.topology import boundary_facets, group_rows
-from .fields import FOLDER
-from .hdf5 import read_attributes, read_slab
+from .snapshots import read_written_mesh
 
 AZIMUTH = np.radians(-60.0)
 ELEVATION = np.radians(25.0)
@@ -82,7 +81,7 @@ class Surface:
 
 def read_regions(directory: Path) -> list[str]:
     """Return the names of the regions of the mesh written in a result directory."""
-    return list(read_attributes(directory / FOLDER / "mesh.h5")[0]["regions"])
+    return read_written_mesh(directory).regions
 
 
 def read_surface(
@@ -93,14 +92,13 @@ def read_surface(
     """Return the Surface of the mesh written in a result directory, of some of its regions or all;
     cut as in `surface_of`.
     """
-    path = directory / FOLDER / "mesh.h5"
-    element = ELEMENTS[read_attributes(path)[0]["element"]]
-    points = read_slab(path, "points")[:, : element.dim]
-    cells = read_slab(path, "cells")
+    mesh = read_written_mesh(directory)
+    element = ELEMENTS[mesh.element]
+    cells = mesh.cells
     if regions is not None:
-        chosen = [i for i, name in enumerate(read_regions(directory)) if name in regions]
-        cells = cells[np.isin(read_slab(path, "region"), chosen)]
-    return surface_of(points, cells, element, cut)
+        chosen = [i for i, name in enumerate(mesh.regions) if name in regions]
+        cells = cells[np.isin(mesh.region, chosen)]
+    return surface_of(mesh.points[:, : element.dim], cells, element, cut)
 
 
 def surface_of(

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from .files import keep_content, keep_names, temporary_name
+from .hdf5 import Layout
 
 ATTRIBUTE_TYPE = {(): "Scalar", (3,): "Vector", (6,): "Tensor6"}
 HEAD = b"""<?xml version="1.0" ?>
@@ -90,8 +91,8 @@ class Grids(NamedTuple):
     cells_shape: tuple[int, int]
     folder: str
 
-    def at(self, step: int, time: float, place: str, shapes: dict[str, tuple]) -> str:
-        """Return the grid of a time [s]; place : file of its fields; shapes : name -> shape."""
+    def at(self, step: int, time: float, place: str, fields: dict[str, Layout]) -> str:
+        """Return the grid of a time [s]; place : the file of its fields."""
         mesh = f"{self.folder}/mesh.h5"
         cells = _item(f"{mesh}:/cells", self.cells_shape, "Int", 8)
         points = _item(f"{mesh}:/points", (self.n_points, 3), "Float", 8)
@@ -103,11 +104,11 @@ class Grids(NamedTuple):
             f'<Geometry GeometryType="XYZ">{points}</Geometry>',
             f'<Attribute Name="region" AttributeType="Scalar" Center="Cell">{region}</Attribute>',
         ]
-        for name, shape in sorted(shapes.items()):
+        for name, (shape, precision) in sorted(fields.items()):
             kind = ATTRIBUTE_TYPE[tuple(shape[1:])]
             lines.append(
                 f'<Attribute Name={quoteattr(name)} AttributeType="{kind}" Center="Node">'
-                f"{_item(f'{place}:/{name}', shape, 'Float', 8)}</Attribute>"
+                f"{_item(f'{place}:/{name}', shape, 'Float', precision)}</Attribute>"
             )
         return "\n".join(lines) + "\n</Grid>\n"
 

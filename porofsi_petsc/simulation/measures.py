@@ -208,12 +208,31 @@ class Measures:
                 values[chunk, :, 0] = np.maximum(law.plastic_strain(at_nodes), 0.0)
         return self._in_solid(values)
 
+    def vorticity(self, v: np.ndarray, mesh_state: MeshState) -> np.ndarray:
+        """Return ∇×v of the fluid's velocity (n_local, d) [m/s] at the nodes, [1/s]: in the plane
+        ∂v_y/∂x - ∂v_x/∂y, (n_owned, 1), in space (n_owned, 3); averaged as the stress is.
+
+        Derivatives are by the present positions, on a mesh at rest those of the reference.
+        """
+        domain = self._fluid
+        values = np.empty((*domain.cells.shape, 3 if self._mesh.dim == 3 else 1))
+        for _, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
+            positions = domain.coordinates(chunk)
+            if mesh_state.moving_mesh:
+                positions = domain.gather(self._mesh.X + mesh_state.displacement, chunk)
+            nodes = self._at_nodes(domain, positions, chunk)
+            grad = displacement_gradient(nodes.G, domain.gather(v, chunk))
+            spin = grad - transpose(grad)
+            pairs = ((2, 1), (0, 2), (1, 0)) if self._mesh.dim == 3 else ((1, 0),)
+            values[chunk] = np.stack([spin[..., i, j] for i, j in pairs], axis=-1)
+        return self._in_fluid(values)
+
     def _averaged(self, u, tensor, part):
         """Return the averages, (n_owned, 6), of tensor(law, H) -> (..., 3, 3) at nodes."""
         domain = self._solid
         values = np.empty((*domain.cells.shape, 6))
         for region, chunk in domain.chunks(STRESS_DOUBLES * domain.cells.shape[1]):
-            nodes = self._at_nodes(chunk)
+            nodes = self._at_nodes(domain, domain.coordinates(chunk), chunk)
             H = three_dimensional(
                 displacement_gradient(nodes.G, domain.displacement(u, chunk), nodes.hoop)
             )
@@ -226,20 +245,19 @@ class Measures:
             return self._in_solid(values)
         return NodalAverage(part)(values[domain.rows_of(part)])
 
-    def _at_nodes(self, chunk):
-        """Return the `Geometry` of some elements of the solid at their nodes, reference
-        configuration.
+    def _at_nodes(self, domain, positions, chunk):
+        """Return the `Geometry` of some elements of a domain at their nodes, which are at positions
+        (E, A, d) [m].
         """
-        element = self._solid.element
+        element = domain.element
         nodes = element.node_coordinates
         rule = Rule.at(element, nodes, np.ones(len(nodes)))
-        X = self._solid.coordinates(chunk)
-        at_nodes = geometry(rule, X)
-        collapsed = is_collapsed(self._solid.cells[chunk], element)
+        at_nodes = geometry(rule, positions)
+        collapsed = is_collapsed(domain.cells[chunk], element)
         if collapsed.any():  # where a side is a point there is no gradient: that a little inside
             near = nodes + COLLAPSED * (element.cell.centroid - nodes)
             rule = Rule.at(element, near, np.ones(len(near)))
-            at_nodes.G[collapsed] = geometry(rule, X[collapsed]).G
+            at_nodes.G[collapsed] = geometry(rule, positions[collapsed]).G
         return at_nodes
 
     # -- oscillation -------------------------------------------------------------------------------

@@ -7,13 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..output.checkpoint import NAME
-from ..output.fields import FieldWriter
+from ..output.fields import FieldWriter, Storage
 from ..output.history import History
 from ..output.lines import LineFile
+from ..output.times import Times
+from ..output.vtkhdf import VtkhdfWriter
 
 if TYPE_CHECKING:
     from ..output.progress import Progress
     from .simulation import Simulation
+
+WRITERS: dict[str, type[FieldWriter] | type[VtkhdfWriter]]
+WRITERS = {"xdmf": FieldWriter, "vtkhdf": VtkhdfWriter}
 
 
 class Records:
@@ -27,7 +32,7 @@ class Records:
         self._mesh = simulation.coupling.solid.mesh
         self.progress: Progress  # of who runs
         self._history: History  # by `open`
-        self._fields: FieldWriter | None = None
+        self._fields: FieldWriter | VtkhdfWriter | None = None
         self._lines: dict[str, LineFile] = {}
         self._last_checkpoint = time.monotonic()
 
@@ -40,9 +45,12 @@ class Records:
         """Start the files, or continue those of a run that was resumed at a time [s]."""
         columns = self._simulation.columns
         comm = self._mesh.comm
-        self._fields = (
-            FieldWriter(self._directory, self._mesh) if self._output.fields_every else None
-        )
+        self._times = Times(self._output.fields_interval, self._output.fields_times)
+        self._before = self._simulation.time
+        if self._output.has_fields:
+            storage = Storage(self._output.precision, self._output.compression)
+            writer = WRITERS[self._output.format]
+            self._fields = writer(self._directory, self._mesh, storage)
         self._history = History(self._directory, columns, comm, resumed_at)
         self._lines = {
             line.name: LineFile(self._directory, line.name, line.quantities, comm, resumed_at)
@@ -82,9 +90,9 @@ class Records:
         with simulation.stopwatch.measure("output"):
             if step % output.history_every == 0 or simulation.finished:
                 self._write_row()
-            every = output.fields_every
-            if self._fields and every and (step % every == 0 or simulation.finished):
+            if self._fields and self._fields_due():
                 self._write_fields()
+            self._before = simulation.time
             for line in simulation.scene.line:
                 if step % line.every == 0 or simulation.finished:
                     self._write_line(line.name)
@@ -99,6 +107,15 @@ class Records:
             self._fields.close()
         for file in self._lines.values():
             file.close()
+
+    def _fields_due(self) -> bool:
+        simulation = self._simulation
+        every = self._output.fields_every
+        return (
+            (every is not None and simulation.steps % every == 0)
+            or self._times.lie_between(self._before, simulation.time)
+            or simulation.finished
+        )
 
     def _checkpoint_due(self) -> bool:
         output = self._output
@@ -126,4 +143,6 @@ class Records:
     def _write_fields(self) -> None:
         simulation = self._simulation
         if self._fields:
-            self._fields.write(simulation.steps, simulation.time, dict(simulation.fields))
+            asked = self._output.fields or tuple(simulation.fields)
+            fields = {name: simulation.fields[name] for name in asked if name in simulation.fields}
+            self._fields.write(simulation.steps, simulation.time, fields)

@@ -19,16 +19,25 @@ def stress_values(
     mean_effective_stress p' = -tr σ_E/3, positive in compression; von_mises q = √(3/2 s:s), s the
     deviator; principal_1 >= principal_2 >= principal_3, positive in tension.
     """
-    total = stress.copy()
-    total[:, DIAGONAL] -= p[:, None]
+    total = total_stress(stress, p)
     found: dict[str, np.ndarray] = {}
     for name, tensor in (("stress", stress), ("total", total), ("strain", strain)):
         found |= dict(zip(TENSORS[name], tensor.T, strict=True))
-    found |= _invariants(stress)
+    found |= invariants(stress)
     return {name: found[name] for name in asked}
 
 
-def _invariants(stress):
+def total_stress(stress: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Return σ_E - p I, (n, 6) [Pa], of effective stresses (n, 6) and what bears of the pressure,
+    (n,).
+    """
+    total = stress.copy()
+    total[:, DIAGONAL] -= p[:, None]
+    return total
+
+
+def invariants(stress: np.ndarray) -> dict[str, np.ndarray]:
+    """Return `quantities.INVARIANTS` of effective stresses (n, 6), name -> (n,) [Pa]."""
     tensor = np.empty((len(stress), 3, 3))
     for number, pair in enumerate(TENSOR):
         i, j = ("xyz".index(axis) for axis in pair)
