@@ -257,7 +257,7 @@ class MeshMotion(Table):
     (V_mean/V)^stiffening.
     """
 
-    law: Literal["linear_elastic", "harmonic", "neo_hookean"] = "neo_hookean"
+    law: Literal["linear_elastic", "harmonic", "neo_hookean", "distortion"] = "neo_hookean"
     poisson: Annotated[Number, Field(gt=-1, lt=0.5)] = 0.3
     stiffening: Annotated[Number, Field(ge=0, le=10)] = 1.0
 

@@ -70,6 +70,12 @@ class Cell(ABC):
         """Return points (Q, dim) and weights (Q,), exact for shape functions of the degree."""
 
     @abstractmethod
+    def closed_quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return points (Q, dim), the vertices among them, and weights (Q,), exact for products of
+        two gradients of order 2.
+        """
+
+    @abstractmethod
     def subdivided(self, degree: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights of the degree on each of the n^dim parts of a line or plane
         cell whose edges are cut into n.

@@ -40,6 +40,27 @@ SYMMETRIC = {
     (3, 1): [(1.0, (1 / 4,) * 4)],
     (3, 2): [(1 / 4, (_A3, _B3, _B3, _B3))],
 }
+# By dim, orbits of degree 3 with the vertices, in one dimension Simpson's rule.
+CLOSED = {
+    1: [(1 / 6, (1, 0)), (2 / 3, (1 / 2, 1 / 2))],
+    2: [(1 / 20, (1, 0, 0)), (2 / 15, (1 / 2, 1 / 2, 0)), (9 / 20, (1 / 3,) * 3)],
+    3: [(1 / 40, (1, 0, 0, 0)), (9 / 40, (1 / 3, 1 / 3, 1 / 3, 0))],
+}
+
+
+@cache
+def closed(dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return points, (Q, dim), the vertices among them, and weights, (Q,), that integrate
+    polynomials of degree 3 exactly on the unit simplex.
+    """
+    return _symmetric(dim, CLOSED[dim])
+
+
+@cache
+def closed_product(dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the product of Simpson's rules on the unit cube, points (Q, dim) and weights (Q,)."""
+    points, weights = closed(1)
+    return _product(points[:, 0], weights, dim)
 
 
 @cache
@@ -59,6 +80,11 @@ def gauss_product(dim: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     coordinate exactly on the unit cube.
     """
     t, w = _gauss_jacobi(degree // 2 + 1, 0)
+    return _product(t, w, dim)
+
+
+def _product(t, w, dim):
+    """Return the product of a rule on a line, points (Q,) and weights (Q,), with itself."""
     points = np.stack(np.meshgrid(*[t] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
     weights = np.stack(np.meshgrid(*[w] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
     return points, weights.prod(axis=1)

@@ -12,7 +12,7 @@ from math import factorial
 import numpy as np
 
 from .element import Cell, Element, moments
-from .quadrature import quadrature, subdivided
+from .quadrature import closed, quadrature, subdivided
 
 EDGES = {
     1: ((0, 1),),
@@ -78,6 +78,10 @@ class Simplex(Cell):
     def quadrature(self, degree: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights that integrate polynomials of the degree exactly."""
         return quadrature(self.dim, degree)
+
+    def closed_quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rule of degree 3 with the vertices; see `Cell`."""
+        return closed(self.dim)
 
     def subdivided(self, degree: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights on the parts of a line or triangle."""

@@ -11,7 +11,7 @@ from itertools import permutations
 import numpy as np
 
 from .element import Cell, Element, coincident, moments
-from .quadrature import gauss_product
+from .quadrature import closed_product, gauss_product
 from .simplex import L2, L3, LINE
 
 VERTICES = {
@@ -105,6 +105,10 @@ class Cube(Cell):
     def quadrature(self, degree: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the product of Gauss rules that are exact for the degree in each coordinate."""
         return gauss_product(self.dim, degree)
+
+    def closed_quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the product of Simpson's rules, of degree 3 in each coordinate."""
+        return closed_product(self.dim)
 
     def subdivided(self, degree: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return points and weights on n^dim equal parts."""

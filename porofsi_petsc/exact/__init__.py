@@ -1,4 +1,4 @@
-"""Exact solutions of porous media, of free flows, of a ring and of a cylinder in a fluid.
+"""Exact solutions of porous media, of free flows, of a ring and of bodies in a fluid.
 
 NumPy and SciPy only, and nothing of the package: they judge it.
 
@@ -11,8 +11,10 @@ from .confined import confined_ratio
 from .consolidation import Terzaghi, XieLeo
 from .cryer import Cryer
 from .dynamic import CompressibleColumn, DynamicColumn
+from .elastica import HeavyElastica
 from .falling import FallingCylinder
 from .flows import EthierSteinman, Kovasznay, TaylorGreen
+from .jeffery import JefferyOrbit
 from .mandel import Mandel
 from .ring import Ring
 from .seabed import Seabed
@@ -27,6 +29,8 @@ __all__ = [
     "DynamicColumn",
     "EthierSteinman",
     "FallingCylinder",
+    "HeavyElastica",
+    "JefferyOrbit",
     "Kovasznay",
     "Mandel",
     "Ring",

@@ -4,6 +4,7 @@
 
 from ..registry import Registry, parameter
 from .contract import check_elastic
+from .distortion import Distortion
 from .drucker_prager import DruckerPrager
 from .elastic import ElasticLaw
 from .from_energy import FromEnergy
@@ -38,7 +39,12 @@ ELASTIC = Registry(
     check=check_elastic,
 )
 
-MESH_MOTION = {"harmonic": Harmonic, "linear_elastic": LinearElastic, "neo_hookean": NeoHookean}
+MESH_MOTION = {
+    "harmonic": Harmonic,
+    "linear_elastic": LinearElastic,
+    "neo_hookean": NeoHookean,
+    "distortion": Distortion,
+}
 
 __all__ = [
     "ELASTIC",

@@ -20,7 +20,7 @@ from porofsi_petsc.simulation.simulation import Simulation
 from porofsi_petsc.studies.table import markdown
 
 ROOT, AXIS, LENGTH = 0.25, 0.2, 0.35  # start, height and length of the beam [m]
-LAWS = ("harmonic", "linear_elastic", "neo_hookean")
+LAWS = ("harmonic", "linear_elastic", "neo_hookean", "distortion")
 EXPONENTS = (0.0, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
 PARTS = 8  # of the motion, for the law that is not linear
 
