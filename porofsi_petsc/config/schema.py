@@ -378,17 +378,22 @@ class Scene(Table):
         """Refuse one file with the same fields at all times where they come and go with stages."""
         if self.output.format != "vtkhdf":
             return
-        asked = set(self.output.fields) or {PLASTIC_STRAIN}
-        plastic = {
-            any(m.elastic_law().plastic for m in scene._materials_there if m.solid)
-            for scene in self.stages
-        }
-        if PLASTIC_STRAIN in asked and len(plastic) > 1:
+        found = [scene._written_fields() for scene in self.stages]
+        at_times = set.union(*found) - set.intersection(*found)
+        if at_times:
             raise wrong(
-                f"received 'vtkhdf', whose fields are the same at all times, with {PLASTIC_STRAIN}"
-                " in some stages only; expected 'xdmf', or output.fields without it",
+                "received 'vtkhdf', whose fields are the same at all times, with"
+                f" {listed(sorted(at_times))} in some stages only; expected 'xdmf', or"
+                " output.fields without it",
                 "output.format",
             )
+
+    def _written_fields(self):
+        """Return the names of the fields that this stage writes."""
+        there = {*self.field_names, *self.derived_field_names}
+        if not any(m.elastic_law().plastic for m in self._materials_there if m.solid):
+            there.discard(PLASTIC_STRAIN)
+        return there & set(self.output.fields or FIELDS)
 
     def _check_initial_stress(self):
         """Refuse an initial stress without a solid, out of the plane, or under a law that has to
