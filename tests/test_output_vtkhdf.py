@@ -9,19 +9,21 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
-from running import Job, run_here, state
+from running import ROOT, Job, run_here, state
 from test_output_fields import BLOCK, COUNTS, Killed, fields_of, small_mesh, written_by
 from test_output_mesh import ELEMENTS, local_mesh, serial_mesh
 
-from porofsi_petsc import read_fields
+from porofsi_petsc import load_scene, read_fields
 from porofsi_petsc.errors import InputError, PorofsiError
 from porofsi_petsc.output import appending, figures
 from porofsi_petsc.output.fields import FieldWriter, Storage
+from porofsi_petsc.output.files import parse_toml
 from porofsi_petsc.output.info import describe
 from porofsi_petsc.output.snapshots import read_snapshots
 from porofsi_petsc.output.vtkhdf import VtkhdfWriter
 
 COMM = MPI.COMM_SELF
+SHIPPED = ROOT / "configs"
 # VTK's number of each cell: vtkCellType.h
 NUMBER = {"T3": 5, "T6": 22, "Q4": 9, "Q8": 23, "Q9": 28}
 NUMBER |= {"T4": 10, "T10": 24, "H8": 12, "H20": 25, "H27": 29}
@@ -302,3 +304,21 @@ def test_a_file_of_another_mesh_is_refused(tmp_path):
     write(tmp_path, small_mesh(), range(2))
     with pytest.raises(InputError, match="fields.vtkhdf: belongs to another mesh"):
         VtkhdfWriter(tmp_path, small_mesh(5))
+
+
+def test_a_field_of_some_stages_only_is_refused():
+    """With the top layer the one plastic law is taken away."""
+    scene = parse_toml((SHIPPED / "dry_fill.toml").read_text(encoding="utf-8"))
+    clay, fill = scene["material"]
+    fill |= {name: clay[name] for name in ("porosity", "fluid", "permeability")}
+    plastic = {"law": "drucker_prager", "friction_angle": 20.0, "cohesion": 2e4}
+    fill["solid"] = clay["solid"] | plastic | {"dilatancy_angle": 0.0, "match": "plane_strain"}
+    scene["stage"] = [{"name": "dig", "time": {"end": 30.0}, "inactive": ["fill"]}]
+    scene["probe"], scene["expect"] = [], []
+    scene["output"] = {"fields_every": 50}
+    load_scene(scene)
+    scene["output"]["format"] = "vtkhdf"
+    with pytest.raises(InputError, match=r"\[output.format\]: received 'vtkhdf', whose fields are"):
+        load_scene(scene)
+    scene["output"]["fields"] = ["displacement", "pressure"]
+    load_scene(scene)

@@ -250,8 +250,11 @@ class Scene(Table):
     @property
     def kinds_there(self) -> set[str]:
         """Return the kinds of the materials that are there."""
-        there = (m for m in self.material if not set(m.region) <= set(self.inactive))
-        return {material.kind for material in there}
+        return {material.kind for material in self._materials_there}
+
+    @property
+    def _materials_there(self):
+        return [m for m in self.material if not set(m.region) <= set(self.inactive)]
 
     @property
     def absent_kinds(self) -> tuple[tuple[str, str], ...]:
@@ -369,6 +372,28 @@ class Scene(Table):
                 text = "received all porous media as regions that are not there"
                 key = f"stage.{i - 1}.inactive" if i else "stage"
                 raise wrong(f"{text}, expected some in every stage; keep one", key)
+        self._check_fields_of_stages()
+
+    def _check_fields_of_stages(self):
+        """Refuse one file with the same fields at all times where they come and go with stages."""
+        if self.output.format != "vtkhdf":
+            return
+        found = [scene._written_fields() for scene in self.stages]
+        at_times = set.union(*found) - set.intersection(*found)
+        if at_times:
+            raise wrong(
+                "received 'vtkhdf', whose fields are the same at all times, with"
+                f" {listed(sorted(at_times))} in some stages only; expected 'xdmf', or"
+                " output.fields without it",
+                "output.format",
+            )
+
+    def _written_fields(self):
+        """Return the names of the fields that this stage writes."""
+        there = {*self.field_names, *self.derived_field_names}
+        if not any(m.elastic_law().plastic for m in self._materials_there if m.solid):
+            there.discard(PLASTIC_STRAIN)
+        return there & set(self.output.fields or FIELDS)
 
     def _check_initial_stress(self):
         """Refuse an initial stress without a solid, out of the plane, or under a law that has to

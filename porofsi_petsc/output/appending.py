@@ -16,7 +16,7 @@ from typing import Any
 
 import h5py
 
-from .files import keep_content, keep_names, write_text
+from .files import keep_content, write_text
 from .hdf5 import PatientFile, patiently
 
 
@@ -52,8 +52,7 @@ def finish(path: Path) -> None:
             file.write(bytes.fromhex(content))
         file.truncate(changes["size"])
     keep_content(path)
-    journal.unlink()
-    keep_names(path.parent)
+    journal.unlink()  # one that a loss of power brings back says what has been done already
 
 
 def shorten(path: Path) -> None:
