@@ -90,7 +90,7 @@ class Omission:
 
 class TrialStep:
     """The end of a trial step: u [m], v_s, v_m, v_f [m/s] and the mean rates of these in the step
-    [m/s²], all (n_local, d).
+    [m/s²], all (n_local, d); mesh_u : that of the fluid's mesh on the collocation level [m].
     """
 
     def __init__(self, medium: AnyMedium, dt: float) -> None:
@@ -103,6 +103,7 @@ class TrialStep:
         self.v_s = solid.mesh_state().end_velocity
         self.v_f = extend(fluid.unknowns[:, :d])
         self.v_m = medium.mesh_state().end_velocity
+        self.mesh_u = medium.mesh_state().displacement
         self.solid_rate = (self.v_s - solid.v) / dt
         self.fluid_rate = (self.v_f - fluid.v) / dt
         self.solid_residual: Residual = medium.residuals[0]
@@ -342,7 +343,7 @@ class Measures:
             "viscosity": lambda: self._brinkman_ratio(step.u),
         }
         if (lost_slip := self._lost_slip) is not None:
-            sizes["slip"] = lambda: lost_slip(step.u, step.v_f)
+            sizes["slip"] = lambda: lost_slip(step.mesh_u, step.v_f)
         return {omission.name: sizes[omission.name]() for omission in self.omissions}
 
     def watch_neglected(self, sizes: dict[str, float], dt: float, clock: Clock) -> None:
