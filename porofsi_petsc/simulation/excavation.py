@@ -72,7 +72,8 @@ def remaining_scene(scene: Scene, before: Collection[str], left: Collection[str]
         "material": tuple(_without(scene.material, "region", scene.inactive)),
     }
     if not isinstance(scene.body_force, BodyForce):
-        changes["body_force"] = tuple(_without(scene.body_force, "on", scene.inactive))
+        forces = tuple(_without(scene.body_force, "on", scene.inactive))
+        changes["body_force"] = forces or BodyForce()
     found = scene.model_copy(update=changes)
     found._absent_kinds = tuple(
         (name, material.kind)
