@@ -46,3 +46,14 @@ def test_the_files_that_the_readme_links_are_there():
         links = re.findall(r"\]\((?!https?:)([^)#]+)", (root / name).read_text(encoding="utf-8"))
         assert links
         assert all((root / link).exists() for link in links), name
+
+
+def test_every_page_is_in_a_list_of_the_site():
+    """As scripts/site asks for, said in milliseconds."""
+    lists = (DOCS / "index.md").read_text(encoding="utf-8").splitlines()
+    pages = {
+        str(path.relative_to(DOCS).with_suffix(""))
+        for folder in (".", "tutorials", "howto")
+        for path in (DOCS / folder).glob("*.md")
+    }
+    assert pages - set(lists) == {"index"}
