@@ -445,6 +445,25 @@ def test_a_lift_that_would_be_inverted_is_refused():
             simulation.run()
 
 
+def test_a_spring_on_a_lift_counts_from_its_placing():
+    """The ground has settled before. With its own weight and a spring k above the lift of height h
+    on as much ground moves by d = -(3/2 γ h² + 2 k h d)/M."""
+    k = 1e7
+    scene = column(lifts=2)
+    scene["boundary"][-1] = {"on": "top", "spring": {"normal": k}}
+    d = -1.5 * WEIGHT * LIFT**2 / (MODULUS + 2 * k * LIFT)
+    assert solved(scene)["top_1.u_y"][-1] == pytest.approx(d, rel=1e-9)
+
+
+def test_a_plate_on_ground_and_lift_is_refused():
+    """It would strain the lift: the ground has moved with it before."""
+    scene = column(lifts=2)
+    scene["boundary"][0] = {"on": "left", "equal_displacement": ["x"]}
+    scene["boundary"].append({"on": "right", "displacement": {"x": 0.0}})
+    with pytest.raises(InputError, match=r"\[stage.0.active\]: received 'lift_1', .* on 'left'"):
+        Simulation.from_scene(scene, MPI.COMM_SELF)
+
+
 def test_a_scene_with_lifts_loads_again():
     scene = load_scene(embankment())
     assert load_scene(tomllib.loads(scene_to_toml(scene))) == scene

@@ -187,6 +187,22 @@ def test_a_bed_whose_slip_is_lost_is_refused(tmp_path):
     assert complete(command(str(scene), str(tmp_path / "out"))).returncode == 2
 
 
+@pytest.mark.parametrize("across", [1e-3, 1e-7])
+def test_what_is_lost_is_that_along_the_flow(across):
+    """A bed that hardly lets anything through across its surface loses what an isotropic one of the
+    permeability along it does.
+    """
+    scene, isotropic = coarse(1.0, 1e-3, 1, 4), coarse(1.0, 1e-3, 1, 4)
+    scene["material"][1]["permeability"] |= {"anisotropy": [1.0, across]}
+    found = []
+    for each in (scene, isotropic):
+        each["limits"] |= {"slip": "report"}
+        with Simulation.from_scene(each) as simulation:
+            simulation.run()
+            found.append(simulation.measures.sizes["slip"])
+    assert found[0] == pytest.approx(found[1], rel=0.05)
+
+
 def test_a_slip_that_is_small_beside_the_flow_needs_no_fine_mesh():
     """√K = 1e-3 of the height: 0.4 % of the speed."""
     velocities(coarse(1.0, 1e-6, 2, 16))

@@ -35,6 +35,11 @@ class Surface(Protocol):
     def gather(self, field: np.ndarray) -> np.ndarray:
         """Return the values of a nodal field (n_local, ...) on the facets, (F, Af, ...)."""
 
+    def displacement(self, u: np.ndarray) -> np.ndarray:
+        """Return the displacement on the facets, (F, Af, d) [m], from where the cells behind them
+        are at rest: u (n_local, d), which counts from the start, less that of their placing.
+        """
+
     def normal(self, rule: Any, u: np.ndarray | None = None) -> np.ndarray:
         """Return the outward normals times dA at the points of a rule, (F, Q, d) [m^(d-1)], where
         a displacement u (n_local, d) [m] has taken the surface; in the reference without.

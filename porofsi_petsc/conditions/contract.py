@@ -78,6 +78,10 @@ class SampleSurface:
         """Return the values on the facets."""
         return field[self.nodes]
 
+    def displacement(self, u: np.ndarray) -> np.ndarray:
+        """Return the displacement on the facets, of cells that are there from the start."""
+        return self.gather(u)
+
     def normal(self, rule: _Rule, u: np.ndarray | None = None) -> np.ndarray:
         """Return the normals times dA."""
         x = self.X if u is None else self.X + u[self.nodes]

@@ -51,7 +51,7 @@ class Impedance(SurfaceCondition):
 @dataclass
 class Spring(Impedance):
     """Winkler's foundation: the traction -(k_n N N + k_t (I - N N)) u, N the normal of the
-    reference, u from the reference.
+    reference, u from where the solid is at rest: the reference, or where a stage has placed it.
     """
 
     normal: float = parameter("Pa/m", "k_n", at_least=0.0, default=0.0, example=3.0)
@@ -68,7 +68,7 @@ class Spring(Impedance):
 
     def residual(self, state: State) -> np.ndarray:
         """Return ∮ N_a k u dA, (F, Af, d) [N]."""
-        return self.load_of(state.u)
+        return self.load_at_nodes(self.surface.displacement(state.u))
 
     def tangent(self, state: State, slope: Slope) -> np.ndarray:
         """Return its derivative, (F, Af, d, Af, d) [N/m]."""

@@ -52,6 +52,13 @@ class Surface:
         """Return the values of a nodal field (n_local, ...) on the facets, (F, Af, ...)."""
         return field[self.nodes]
 
+    def displacement(self, u: np.ndarray) -> np.ndarray:
+        """Return the displacement on the facets, (F, Af, d) [m], from where the cells behind them
+        are at rest, see `Domain.displacement`.
+        """
+        nodal = self._domain.displacement(u, self.rows)
+        return np.take_along_axis(nodal, self.local[..., None], axis=1)
+
     def normal(self, rule: Rule, u: np.ndarray | None = None) -> np.ndarray:
         """Return the outward normals times dA, (F, Q, d) [m^(d-1)], where a displacement u
         (n_local, d) [m] has taken the surface; in the reference without.  Around an axis those of

@@ -127,7 +127,7 @@ class VtkhdfWriter:
             raise InputError(
                 f"{self._path}: has the fields {has}, received {received}; a VTKHDF file has the"
                 " same fields at all times: leave output.fields and output.precision as they were,"
-                " or take output.format = 'xdmf' where fields come and go with stages"
+                " or take output.format = 'xdmf' in another directory (--output)"
             )
 
     def _keep(self, snapshots):

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,7 @@ def remaining_scene(scene: Scene, before: Collection[str], left: Collection[str]
     named = {tag for boundary in boundaries for tag in boundary.on}
     free = [name for name in scene.inactive if name in left and name not in named]
     boundaries += [boundary_table().model_validate({"on": [name]}) for name in free]
-    changes = {
+    changes: dict[str, Any] = {
         "boundary": tuple(boundaries),
         "material": tuple(_without(scene.material, "region", scene.inactive)),
     }
@@ -124,7 +125,8 @@ def require_loads(scene: Scene, mesh: LocalMesh) -> None:
     """Raise InputError where in some stage a concentrated load is on what is not there
     (collective).
     """
-    names = ["", *(f" (in the stage '{stage.name}')" for stage in scene.stage)]
+    first = "; on a region that is placed later give it as load of the [[stage]] that places it"
+    names = [first, *(f" (in the stage '{stage.name}')" for stage in scene.stage)]
     for name, present in zip(names, scene.stages, strict=True):
         if present.inactive and present.load:
             active = [region for region in mesh.regions if region not in present.inactive]
@@ -132,6 +134,31 @@ def require_loads(scene: Scene, mesh: LocalMesh) -> None:
                 concentrated_loads(present, Domain(mesh, active), lambda force: {})
             except InputError as error:
                 raise InputError(f"{error}{name}") from None
+
+
+def require_plates(scene: Scene, mesh: LocalMesh) -> None:
+    """Raise InputError where a stage places a part of a surface whose nodes move alike: what is
+    there of it may have moved, and the region is free of strain (collective).
+    """
+    for k, (stage, present) in enumerate(zip(scene.stage, scene.stages[1:], strict=True)):
+        plates = [boundary.on for boundary in present.boundary if boundary.equal_displacement]
+        for tags in plates if stage.active else ():
+            behind = {mesh.cell_region[i] for tag in tags for i in _cells_behind(mesh, tag)}
+            names = {mesh.regions[i] for i in set().union(*mesh.comm.allgather(behind))}
+            names -= {*present.inactive}
+            if names & {*stage.active} and names - {*stage.active}:
+                raise InputError(
+                    f"{scene.source_path or 'scene'} [stage.{k}.active]: received"
+                    f" {shown(sorted(names & {*stage.active})[0])}, a part of whose surface is on"
+                    f" {shown(tags[0])}, where equal_displacement holds what is there already;"
+                    " expected a tag of its own for the surface that is placed"
+                )
+
+
+def _cells_behind(mesh, tag):
+    """Return the cells behind the facets of a tag, of the mesh or toward a region."""
+    groups = [group[tag].cells for group in (mesh.facets, mesh.inner) if tag in group]
+    return np.concatenate(groups) if groups else np.zeros(0, dtype=int)
 
 
 def _part(facets, rows):

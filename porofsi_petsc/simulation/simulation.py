@@ -28,7 +28,12 @@ from .build import build_coupling, local_mesh
 from .builder import materials_of
 from .checkpoint import write
 from .energy import Energy
-from .excavation import remaining_facets, remaining_scene, require_loads
+from .excavation import (
+    remaining_facets,
+    remaining_scene,
+    require_loads,
+    require_plates,
+)
 from .fields import Fields
 from .lines import Lines
 from .loop import TimeLoop
@@ -90,6 +95,7 @@ class Simulation:
                 self._mesh = without_placed(self.scene, self._mesh)
             self._stages = with_weight(self._stages, self._there(0)[0], self._mesh)
             require_loads(self.scene, self._mesh)
+            require_plates(self.scene, self._mesh)
             self._make_parts()
         self.energy = Energy()
         self.energy.start(*self.coupling.energies())

@@ -18,10 +18,10 @@ class LostSlip:
     """How much of the slip velocity along porous solids is lost on a mesh, over the speed of the
     flow.
 
-    A shear γ of the free fluid moves the surface of a bed by μ γ/Z, Z = √(μ_e D), D = μ/K the drag:
-    the law of Beavers and Joseph with α = √(μ_e/μ).  On cells whose nodes are s apart across
-    Brinkman's layer, δ = √(μ_e/D) thick, Z is too large by √(1 + (s/δ)²/12), that of an endless row
-    of linear elements; quadratic ones with the same distance of nodes are better.
+    A shear γ of the free fluid moves the surface of a bed by μ γ/Z, Z = √(μ_e D), D = μ/K the drag
+    along γ: the law of Beavers and Joseph with α = √(μ_e/μ).  On cells whose nodes are s apart
+    across Brinkman's layer, δ = √(μ_e/D) thick, Z is too large by √(1 + (s/δ)²/12), that of an
+    endless row of linear elements; quadratic ones with the same distance of nodes are better.
     """
 
     def __init__(
@@ -43,10 +43,12 @@ class LostSlip:
         self._behind = behind
 
     def thinnest_layer(self) -> float:
-        """Return the least δ of the porous solids at rest [m]; inf without any (collective)."""
+        """Return the least δ of the porous solids at rest, along their most permeable axes [m]; inf
+        without any (collective).
+        """
         least = np.inf
         for region, span in self._pores.region_slices.items():
-            drag = self._fluid(region, span).drag(np.ones((span.stop - span.start, 1))).largest
+            drag = self._fluid(region, span).drag(np.ones((span.stop - span.start, 1))).smallest
             layer = np.sqrt(self._materials[region].viscosity / drag)
             least = min(least, layer.min(initial=np.inf))
         return self._free.mesh.comm.allreduce(float(least), MPI.MIN)
@@ -56,16 +58,16 @@ class LostSlip:
         flow, 0 at rest; u [m] and v [m/s], both (n_local, d) (collective).
         """
         square, area = 0.0, 0.0
-        layer, impedance = self._layers(u)
         for number, nodes in enumerate(self._free.element.facets):
             here = np.flatnonzero(self._local == number)
             if not len(here):
                 continue
             shear, dA, normal = self._shear(nodes, self._rows[here], u, v)
-            spacing = self._spacing(nodes, here, normal) / layer[here]
+            layer, impedance = self._layers(self._behind[here], shear, u)
+            spacing = self._spacing(nodes, here, normal)[:, None] / layer
             kept = 1 / np.sqrt(1 + spacing**2 / 12)
-            lost = self._viscosity(self._rows[here]) * (1 - kept) / impedance[here]
-            square += float((lost[:, None] ** 2 * shear**2 * dA).sum())
+            lost = self._viscosity(self._rows[here])[:, None] * (1 - kept) / impedance
+            square += float((lost**2 * (shear**2).sum(axis=-1) * dA).sum())
             area += float(dA.sum())
         return self._over_speed(square, area, v)
 
@@ -80,15 +82,19 @@ class LostSlip:
         """Return the fluid in the pores of some elements."""
         return self._materials[region].pore_fluid.at(self._pores.cell_numbers[rows])
 
-    def _layers(self, u):
-        """Return δ [m] and Z [Pa s/m] of the elements behind the facets, (F,) each."""
-        domain = self._pores
-        layer, impedance = np.empty((2, len(self._behind)))
-        for region, span in domain.region_slices.items():
-            here = (self._behind >= span.start) & (self._behind < span.stop)
-            rows = self._behind[here]
-            fluid = self._fluid(region, rows)
-            drag = fluid.drag(self._volume_ratio(rows, u)).largest[:, 0]
+    def _layers(self, behind, shear, u):
+        """Return δ [m] and Z [Pa s/m] of elements with pores for flows along γ (F, Q, d), (F, Q)
+        each.
+        """
+        size = np.linalg.norm(shear, axis=-1, keepdims=True)
+        along = np.divide(shear, size, out=np.zeros_like(shear), where=size > 0)
+        layer, impedance = np.empty((2, *shear.shape[:2]))
+        for region, span in self._pores.region_slices.items():
+            here = (behind >= span.start) & (behind < span.stop)
+            fluid = self._fluid(region, behind[here])
+            found = fluid.drag(self._volume_ratio(behind[here], u))
+            turned = (found.turned(along[here]) * along[here]).sum(axis=-1)
+            drag = found.scale * np.where(size[here, :, 0] > 0, turned, 1.0)
             layer[here] = np.sqrt(fluid.viscosity / drag)
             impedance[here] = np.sqrt(fluid.viscosity * drag)
         return layer, impedance
@@ -110,7 +116,7 @@ class LostSlip:
         return values
 
     def _shear(self, nodes, rows, u, v):
-        """Return |γ| (F, Q) [1/s] on the facets of elements with the given local nodes, dA (F, Q)
+        """Return γ (F, Q, d) [1/s] on the facets of elements with the given local nodes, dA (F, Q)
         and the mean normals in the reference (F, d).
         """
         free = self._free
@@ -123,7 +129,7 @@ class LostSlip:
         drawn = ((grad + np.swapaxes(grad, 2, 3)) @ n[..., None])[..., 0]
         along = drawn - (drawn * n).sum(axis=-1, keepdims=True) * n
         _, _, at_rest = trace(free.element, nodes, free.gather(X, rows))
-        return np.linalg.norm(along, axis=-1), dA, at_rest.mean(axis=1)
+        return along, dA, at_rest.mean(axis=1)
 
     def _spacing(self, nodes, here, normal):
         """Return the distance of the nodes across the elements behind the facets, (F,) [m]."""
