@@ -70,7 +70,7 @@ class Body:
                 v=np.zeros_like(X),
                 scheme=SimpleNamespace(c_v=1 / dt),
             ),
-            mesh_state=lambda: SimpleNamespace(end_velocity=one * v_s),
+            mesh_state=lambda: SimpleNamespace(end_velocity=one * v_s, displacement=X @ H.T),
             residuals=(residual, (residual, residual)),
         )
         return self.measures.neglected_sizes(trial, dt)
