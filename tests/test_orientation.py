@@ -130,9 +130,11 @@ def test_a_tube_with_fibres_around_it_is_of_the_order_of_its_elements(tmp_path):
     ],
 )
 def test_axes_of_a_cylinder_and_formulas_are_those_of_the_plane(shared_path, orientation):
-    """In space, around x; held at both ends the tube is the one of the plane."""
+    """In space, around x; held at both ends the tube is the one of the plane, to what iterative
+    solvers leave of the displacement.
+    """
     found = error(shared_path / "space.msh", 2, 3, 0, orientation=orientation)
-    assert found == pytest.approx(0.00702686704975, rel=1e-6)
+    assert found == pytest.approx(error(shared_path / "plane.msh", 2), abs=1e-7)
 
 
 @pytest.mark.parametrize("name", ["transversely_isotropic", "holzapfel_gasser_ogden"])
