@@ -329,9 +329,10 @@ class LinearSolver:
         pc = self.ksp.getPC()
         if self.broke_down or pc.getType() != PETSc.PC.Type.CHOLESKY:
             return self.broke_down
-        if pc.getFactorSolverType() != "mumps":
+        if not self.factorizations or pc.getFactorSolverType() != "mumps":
             return False
-        return pc.getFactorMatrix().getMumpsInfog(NEGATIVE_PIVOTS) > 0
+        factor = pc.getFactorMatrix()  # null after a reset
+        return bool(factor) and factor.getMumpsInfog(NEGATIVE_PIVOTS) > 0
 
     def _raise(self, reason):
         error = self._failure(reason)
