@@ -447,7 +447,8 @@ def test_a_lift_that_would_be_inverted_is_refused():
 
 def test_a_spring_on_a_lift_counts_from_its_placing():
     """The ground has settled before. With its own weight and a spring k above the lift of height h
-    on as much ground moves by d = -(3/2 γ h² + 2 k h d)/M."""
+    on as much ground moves by d = -(3/2 γ h² + 2 k h d)/M.
+    """
     k = 1e7
     scene = column(lifts=2)
     scene["boundary"][-1] = {"on": "top", "spring": {"normal": k}}

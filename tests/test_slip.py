@@ -190,7 +190,8 @@ def test_a_bed_whose_slip_is_lost_is_refused(tmp_path):
 @pytest.mark.parametrize("across", [1e-3, 1e-7])
 def test_what_is_lost_is_that_along_the_flow(across):
     """A bed that hardly lets anything through across its surface loses what an isotropic one of the
-    permeability along it does.
+    permeability along it does, up to what the stabilization, which knows the largest drag, makes of
+    the flow on four linear cells: 1 %.
     """
     scene, isotropic = coarse(1.0, 1e-3, 1, 4), coarse(1.0, 1e-3, 1, 4)
     scene["material"][1]["permeability"] |= {"anisotropy": [1.0, across]}
@@ -200,7 +201,7 @@ def test_what_is_lost_is_that_along_the_flow(across):
         with Simulation.from_scene(each) as simulation:
             simulation.run()
             found.append(simulation.measures.sizes["slip"])
-    assert found[0] == pytest.approx(found[1], rel=0.05)
+    assert found[0] == pytest.approx(found[1], rel=0.02)
 
 
 def test_a_slip_that_is_small_beside_the_flow_needs_no_fine_mesh():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .elastic import ElasticLaw
 Axes = Callable[[np.ndarray, np.ndarray], np.ndarray]  # X (E, P, d), cells (E,) -> (E, P, 3, 3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Oriented(ElasticLaw):
     """Ψ(H) = Ψ°(R H Rᵀ) of a law whose directions are components along the axes of a point.
 
@@ -22,10 +22,10 @@ class Oriented(ElasticLaw):
     that the law is `placed` at
     """
 
-    law: ElasticLaw = ElasticLaw(1.0, 1.0)
-    axes_at: Axes = lambda X, cells: np.eye(3)[None, None]
-    cells: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
-    rotation: np.ndarray = field(default_factory=lambda: np.eye(3)[None, None])
+    law: ElasticLaw
+    axes_at: Axes
+    cells: np.ndarray
+    rotation: np.ndarray
 
     turns = True
 
@@ -101,4 +101,13 @@ def oriented(law: ElasticLaw, axes: Axes, centres: np.ndarray) -> Oriented:
     """Return the law with its directions along axes; centres : X (n, d) [m] of all cells."""
     cells = np.arange(len(centres))
     rotation = axes(centres[:, None], cells)
-    return Oriented(law.lam, law.mu, law.n_s0, law.prony, law, axes, cells, rotation)
+    return Oriented(
+        law.lam,
+        law.mu,
+        law.n_s0,
+        law.prony,
+        law=law,
+        axes_at=axes,
+        cells=cells,
+        rotation=rotation,
+    )
