@@ -115,8 +115,8 @@ def error(path, cells, dim=2, axis=2, **solid):
 
 
 def test_a_tube_with_fibres_around_it_is_of_the_order_of_its_elements(tmp_path):
-    """Of quadratic ones h³, as the directions are those of every point: halved cells leave an eighth,
-    or less where the coarse ones do not resolve the r^-k at the bore yet.
+    """Of quadratic ones h³, as the directions are those of every point: halved cells leave an
+    eighth, or less where the coarse ones do not resolve the r^-k at the bore yet.
     """
     coarse, fine = (error(tmp_path / f"{n}.msh", n) for n in (2, 4))
     assert fine < 1e-3
